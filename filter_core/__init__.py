@@ -139,5 +139,5 @@ fifth of the library's import time.
 def __getattr__(name: str) -> object:
     if name not in _OF_FOLDERS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found: object = getattr(import_module(_OF_FOLDERS[name]), name)
-    return found
+    attribute: object = getattr(import_module(_OF_FOLDERS[name]), name)
+    return attribute

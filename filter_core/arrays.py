@@ -64,7 +64,10 @@ def rows_of(
         if spec.name not in shared
     }
     return replace(
-        table, **{name: one[rows] for name, one in columns.items() if one is not None}
+        table,
+        **{
+            name: column[rows] for name, column in columns.items() if column is not None
+        },
     )
 
 

@@ -199,11 +199,10 @@ _MEANING: Final = {
 
 @lru_cache(maxsize=4096)
 def class_meant_by(name: str) -> str | None:
-    """The class that a name of labels means, such as ``traffic light`` or
-    ``vehicle.tesla.model3``.
+    """The class that a name of labels means, such as ``traffic light``.
 
-    One of `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not have
-    the name.
+    The name may also be a blueprint's, such as ``vehicle.tesla.model3``. One of
+    `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not have it.
     """
     if blueprint := class_of(name, None):
         return blueprint
@@ -248,33 +247,33 @@ def misspelt_class(name: str) -> str | None:
     """
     plain = "".join(word.casefold() for word in _WORD.findall(name))
     once = _REPEATED.sub(r"\1", plain)
-    for known, meaning in _MEANING.items():
-        if _REPEATED.sub(r"\1", known) == once:
+    for spelling, meaning in _MEANING.items():
+        if _REPEATED.sub(r"\1", spelling) == once:
             return meaning
-        lacks_one = len(plain) + 1 == len(known) and len(plain) >= _FEWEST
+        lacks_one = len(plain) + 1 == len(spelling) and len(plain) >= _FEWEST
         if lacks_one and plain in (
-            known[:at] + known[at + 1 :] for at in range(len(known))
+            spelling[:at] + spelling[at + 1 :] for at in range(len(spelling))
         ):
             return meaning
     if len(plain) <= _SHORT:
         return None
     allowed = _MOST_EDITS if len(plain) >= _LONG else 1
     edits = {
-        known: _edits(plain, known)
-        for known in _MEANING
-        if len(known) > _SHORT
-        and known[0] == plain[0]
-        and abs(len(known) - len(plain)) <= allowed
+        spelling: _edits(plain, spelling)
+        for spelling in _MEANING
+        if len(spelling) > _SHORT
+        and spelling[0] == plain[0]
+        and abs(len(spelling) - len(plain)) <= allowed
     }
     close = min(edits, key=edits.__getitem__, default=None)
     return _MEANING[close] if close is not None and edits[close] <= allowed else None
 
 
-def _edits(word: str, known: str) -> int:
+def _edits(word: str, spelling: str) -> int:
     """How many letters have to be changed, added or removed to make one the other."""
-    steps = SequenceMatcher(None, word, known, autojunk=False).get_opcodes()
+    steps = SequenceMatcher(None, word, spelling, autojunk=False).get_opcodes()
     return sum(
-        max(end - start, known_end - known_start)
-        for kind, start, end, known_start, known_end in steps
+        max(end - start, spelling_end - spelling_start)
+        for kind, start, end, spelling_start, spelling_end in steps
         if kind != "equal"
     )

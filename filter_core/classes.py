@@ -142,7 +142,7 @@ def _default_mask(class_name: str, family: str, profile: Profile) -> int:
 
 
 def _mask_of_tags(tags: tuple[str | int, ...], palette: Palette, owner: str) -> int:
-    numbers = {one.name: one.tag for one in palette.tags}
+    numbers = {tag.name: tag.tag for tag in palette.tags}
     mask = 0
     for tag in tags:
         number = tag if isinstance(tag, int) else numbers.get(tag)
@@ -163,10 +163,10 @@ def _mask_in_any_family(
         if override is None:
             mask = _default_mask(canonical_class(class_name), family, profile)
         else:
-            known = {
+            family_tags = {
                 key for tag in FAMILIES[family].tags for key in (tag.tag, tag.name)
             }
-            tags = tuple(tag for tag in override if tag in known)
+            tags = tuple(tag for tag in override if tag in family_tags)
             mask = _mask_of_tags(tags, FAMILIES[family], class_name)
         if mask:
             return mask
@@ -182,8 +182,8 @@ def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray
     """
     # No known tag has the bit of Unknown's column, so that all others may share it.
     bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
-    known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
-    return np.asarray(known >> bit & 1, np.bool_)
+    mask = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
+    return np.asarray(mask >> bit & 1, np.bool_)
 
 
 @lru_cache(maxsize=1024)
@@ -265,30 +265,30 @@ def canonical_tags(value: object, *, at: str = "") -> dict[str, str]:
             pointer=at,
         )
     tags: dict[str, str] = {}
-    for given, name in value.items():
-        place = f"{at}/{pointer_token(given)}"
-        key = _canonical_value(given, place)
+    for raw_key, name in value.items():
+        place = f"{at}/{pointer_token(raw_key)}"
+        key = _canonical_value(raw_key, place)
         if key in tags:
             raise ConfigError(
                 f"{place_of(at)}{key} is given twice; keep one", pointer=place
             )
         tags[key] = _canonical_name(name, place)
     # In one order, since equal configurations have equal digests.
-    return dict(sorted(tags.items(), key=lambda one: (len(one[0]), one[0])))
+    return dict(sorted(tags.items(), key=lambda item: (len(item[0]), item[0])))
 
 
-def _canonical_value(given: object, at: str) -> str:
-    text = str(given).strip() if isinstance(given, int | str) else ""
+def _canonical_value(value: object, at: str) -> str:
+    text = str(value).strip() if isinstance(value, int | str) else ""
     if text.isdecimal() and int(text) <= _MAX_LEVEL:
         return str(int(text))
-    if found := _COLOR.fullmatch(text):
-        return f"#{found[1].lower()}"
+    if color := _COLOR.fullmatch(text):
+        return f"#{color[1].lower()}"
     channels = _CHANNELS.fullmatch(text)
     if channels and all(int(level) <= _MAX_LEVEL for level in channels.groups()):
         return f"#{bytes(map(int, channels.groups())).hex()}"
     raise ConfigError(
         f"{place_of(at)}expected a number from 0 to {_MAX_LEVEL}, or a colour such as "
-        f'"#dc143c" (in quotes) or [220, 20, 60], found {str(given)[:60]!r}',
+        f'"#dc143c" (in quotes) or [220, 20, 60], found {str(value)[:60]!r}',
         pointer=at,
     )
 

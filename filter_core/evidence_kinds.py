@@ -90,6 +90,8 @@ EVIDENCE: Final[Mapping[EvidenceChoice, EvidenceKind]] = {
 
 def files_for(kinds: Iterable[str]) -> tuple[str, ...]:
     """The kinds of files that kinds of evidence read besides the segmentation."""
-    wanted = set(kinds)
-    files = {one.file for name, one in EVIDENCE.items() if name in wanted and one.file}
+    kind_names = set(kinds)
+    files = {
+        kind.file for name, kind in EVIDENCE.items() if name in kind_names and kind.file
+    }
     return tuple(sorted(files))

@@ -148,8 +148,8 @@ def read_json(
 def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
     """Raise a `JsonError` if a document is beyond a limit; nothing is parsed."""
     if len(content) > limits.max_bytes:
-        found = f"JSON of more than {limits.max_bytes} bytes"
-        raise JsonError(found, code="json_too_large")
+        text = f"JSON of more than {limits.max_bytes} bytes"
+        raise JsonError(text, code="json_too_large")
     may_have_many = len(content) >= _BYTES_PER_VALUE * min(
         limits.max_values, limits.max_keys
     )
@@ -160,11 +160,11 @@ def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
         # Characters inside strings were counted as well: count again without strings.
         signs = _signs_of(content)
         if _values_at_most(signs) > limits.max_values:
-            found = f"JSON of more than {limits.max_values} values"
-            raise JsonError(found, code="json_too_large")
+            text = f"JSON of more than {limits.max_values} values"
+            raise JsonError(text, code="json_too_large")
         if signs.count(b":") > limits.max_keys:
-            found = f"JSON of more than {limits.max_keys} keys"
-            raise JsonError(found, code="json_too_large")
+            text = f"JSON of more than {limits.max_keys} keys"
+            raise JsonError(text, code="json_too_large")
     steps = _STEPS[np.frombuffer(_signs_of(content), np.uint8)]
     if int(np.cumsum(steps, dtype=np.int32).max(initial=0)) > limits.max_depth:
         raise _too_deep(limits)
@@ -197,8 +197,8 @@ def find_long_number(content: bytes) -> int | None:
 
 
 def _too_deep(limits: JsonLimits) -> JsonError:
-    found = f"JSON that is nested deeper than {limits.max_depth} levels"
-    return JsonError(found, code="json_too_large")
+    text = f"JSON that is nested deeper than {limits.max_depth} levels"
+    return JsonError(text, code="json_too_large")
 
 
 def _values_at_most(content: bytes) -> int:
@@ -224,5 +224,5 @@ def _refuse_halves(text: str) -> None:
         return
     for escape in _ESCAPES.finditer(text):
         if escape["half"] is not None:
-            found = f"half of a surrogate pair, {escape[0]}"
-            raise JsonError(f"{found}, at character {escape.start()}")
+            half = f"half of a surrogate pair, {escape[0]}"
+            raise JsonError(f"{half}, at character {escape.start()}")

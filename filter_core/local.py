@@ -196,7 +196,7 @@ def filter_source(
     one more than there are cores: pixel work runs outside Python's lock, and while one
     thread waits for the lock, another keeps its core at work.
     """
-    return in_order(lambda one: filter_one(one, config), frames, workers)
+    return in_order(lambda frame: filter_one(frame, config), frames, workers)
 
 
 def outcomes(
@@ -285,21 +285,20 @@ def evaluate_source(
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
 ) -> tuple[Evaluation, list[LeftOut]]:
-    """Measure every channel of many frames and count them; also those that were left
-    out.
+    """Measure every channel of many frames and count them.
 
-    `progress` is called after each frame, with its `MeasuredFrame.notes`, and `also`
-    with the boxes of known truth of each, in the frames' order. `workers` are threads,
-    by default one more than there are cores.
+    Returns those that were left out, too. `progress` is called after each frame, with
+    its `MeasuredFrame.notes`, and `also` with the boxes of known truth of each, in the
+    frames' order. `workers` are threads, by default one more than there are cores.
     """
     measured_too = () if task.truth is not None else ("instance",)
-    wanted = tuple(dict.fromkeys((*task.channels, *measured_too)))
+    channels = tuple(dict.fromkeys((*task.channels, *measured_too)))
     evaluation = Evaluation(task.config, task.channels)
     left_out: list[LeftOut] = []
 
     def measured(source: FrameSource) -> MeasuredFrame | LeftOut:
         try:
-            return measure_source(source, task.config, wanted)
+            return measure_source(source, task.config, channels)
         except FilterError as problem:
             return LeftOut(source.key, problem)
 
@@ -340,13 +339,17 @@ def read_box_truth(path: Path, least_pixels: int) -> dict[str, dict[str, KnownBo
     `read_truth`.
     """
     truth: dict[str, dict[str, KnownBox]] = {}
-    for key, box_id, visible, given in _truth_lines(path):
+    for key, box_id, visible, visible_pixels in _truth_lines(path):
         pixels = NOT_MEASURED
-        if isinstance(given, int) and not isinstance(given, bool) and given >= 0:
-            pixels = given
+        if (
+            isinstance(visible_pixels, int)
+            and not isinstance(visible_pixels, bool)
+            and visible_pixels >= 0
+        ):
+            pixels = visible_pixels
         few = visible and 0 <= pixels < least_pixels
-        known = KnownBox(int(DOUBTFUL if few else OBJECT if visible else GHOST), pixels)
-        truth.setdefault(key, {})[box_id] = known
+        box = KnownBox(int(DOUBTFUL if few else OBJECT if visible else GHOST), pixels)
+        truth.setdefault(key, {})[box_id] = box
     return truth
 
 
@@ -354,10 +357,10 @@ def _truth_lines(path: Path) -> Iterator[tuple[str, str, bool, object]]:
     """Key, id, whether it is visible, and ``visible_pixels`` of each line."""
     for number, line in _lines(path):
         try:
-            given = read_json(line)
-            if not isinstance(given, dict):
-                raise TypeError(f"{type(given).__name__} is not an object")
-            key, box_id, visible = given["key"], given["id"], given["visible"]
+            entry = read_json(line)
+            if not isinstance(entry, dict):
+                raise TypeError(f"{type(entry).__name__} is not an object")
+            key, box_id, visible = entry["key"], entry["id"], entry["visible"]
         except (ValueError, TypeError, KeyError) as error:
             raise LayoutError(
                 f"{path.name}, line {number}: expected an object with key, id and "
@@ -368,7 +371,7 @@ def _truth_lines(path: Path) -> Iterator[tuple[str, str, bool, object]]:
                 f"{path.name}, line {number}: visible: expected true or false, "
                 f"found {visible!r}"
             )
-        yield str(key), str(box_id), visible, given.get("visible_pixels")
+        yield str(key), str(box_id), visible, entry.get("visible_pixels")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -426,17 +429,18 @@ class LabelledFrame:
 def label_sources(
     frames: Iterable[FrameSource], task: ArmsTask, *, workers: int | None = None
 ) -> Generator[LabelledFrame | LeftOut, None, None]:
-    """Measure frames and label their boxes as each arm does, in the order of the
-    frames.
+    """Measure frames and label their boxes as each arm does.
 
-    One that cannot be used does not stop the others. `workers` are as for
-    `evaluate_source`.
+    They come in the order of `frames`. One that cannot be used does not stop the
+    others. `workers` are as for `evaluate_source`.
     """
     configs = {arm.name: arm.config(task.config) for arm in task.arms}
     exact = replace(task.config, profile="paper", projection="clipped")
     naive = replace(task.config, profile="carlasimu", projection="naive")
-    is_published = any(one and one.profile == "carlasimu" for one in configs.values())
-    kinds = {name for one in configs.values() if one for name in one.channels}
+    is_published = any(
+        config and config.profile == "carlasimu" for config in configs.values()
+    )
+    kinds = {name for config in configs.values() if config for name in config.channels}
     if task.truth == "instances":
         kinds.add("instance")
 
@@ -478,12 +482,12 @@ def _box_truth(frame: MeasuredFrame, source: FrameSource, task: ArmsTask) -> Box
     if task.truth == "reviews":
         words = {answer.box: answer.verdict for answer in source.answers}
         codes = {"keep": OBJECT, "reject": GHOST}
-        answers = [codes.get(words.get(one, ""), DOUBTFUL) for one in frame.ids]
+        answers = [codes.get(words.get(box_id, ""), DOUBTFUL) for box_id in frame.ids]
         return BoxTruth(np.array(answers, np.int8), unknown)
     there = task.truth.get(source.key, {})
     doubt = KnownBox(int(DOUBTFUL), NOT_MEASURED)
-    known = [there.get(box_id, doubt) for box_id in frame.ids]
-    columns = np.array(known, np.int64).reshape(-1, 2)
+    boxes = [there.get(box_id, doubt) for box_id in frame.ids]
+    columns = np.array(boxes, np.int64).reshape(-1, 2)
     return BoxTruth(columns[:, 0].astype(np.int8), columns[:, 1])
 
 
@@ -600,8 +604,8 @@ def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
 
 def in_class_order(names: Collection[str]) -> tuple[str, ...]:
     """Names of classes in the order of `class_order`, each once."""
-    known = [name for name in CLASSES if name in names]
-    return (*known, *sorted(set(names).difference(known)))
+    usual_names = [name for name in CLASSES if name in names]
+    return (*usual_names, *sorted(set(names).difference(usual_names)))
 
 
 def boxes_by_class(frames: Iterable[FrameSource]) -> Counter[str]:
@@ -609,14 +613,14 @@ def boxes_by_class(frames: Iterable[FrameSource]) -> Counter[str]:
 
     Frames whose labels cannot be read are left out: who uses the frames reports them.
     """
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for frame in frames:
         try:
             annotation = parse_annotation(frame.annotation or {}, frame=frame.key)
         except FilterError:
             continue
-        found.update(map(box_class, annotation.boxes))
-    return found
+        counts.update(map(box_class, annotation.boxes))
+    return counts
 
 
 def measure_source(

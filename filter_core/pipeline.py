@@ -151,12 +151,16 @@ class FrameResult:
         """The boxes as a drawing, for notebooks; pointing at one shows its sentence."""
         width, height = self.measured.wh
         shapes = []
-        for one in self.decisions:
-            if one["xyxy"] is not None:
-                x0, y0, x1, y1 = one["xyxy"]
-                blue, green, red = COLORS[one["verdict"]]
-                dash = "" if one["verdict"] == "kept" else ' stroke-dasharray="9 8"'
-                words = escape(f"{one['class']} {one['id']}, {one['explanation']}")
+        for decision in self.decisions:
+            if decision["xyxy"] is not None:
+                x0, y0, x1, y1 = decision["xyxy"]
+                blue, green, red = COLORS[decision["verdict"]]
+                dash = (
+                    "" if decision["verdict"] == "kept" else ' stroke-dasharray="9 8"'
+                )
+                words = escape(
+                    f"{decision['class']} {decision['id']}, {decision['explanation']}"
+                )
                 shapes.append(
                     f'<rect x="{x0:g}" y="{y0:g}" width="{x1 - x0:g}" '
                     f'height="{y1 - y0:g}" fill="transparent" '
@@ -315,15 +319,15 @@ def _agreed_size(
         "the segmentation": tags_wh,
         "the camera": annotation.camera_wh,
     }
-    known = [(name, wh) for name, wh in sizes.items() if wh is not None]
-    if not known:
+    given_sizes = [(name, wh) for name, wh in sizes.items() if wh is not None]
+    if not given_sizes:
         raise ImageSizeMismatch(
             "expected the size of the image from an image, a segmentation or the "
             "camera, found none of them",
             code="image_size_unknown",
         )
-    first, size = known[0]
-    for name, wh in known[1:]:
+    first, size = given_sizes[0]
+    for name, wh in given_sizes[1:]:
         if wh != size:
             raise ImageSizeMismatch(
                 f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
@@ -417,18 +421,18 @@ def named_class(
 
 
 def _as_segmentation(
-    given: bytes | NDArray[np.uint8] | Segmentation | None,
+    segmentation: bytes | NDArray[np.uint8] | Segmentation | None,
     annotation: FrameAnnotation,
     config: MeasureConfig,
     options: FrameOptions,
 ) -> Segmentation | None:
-    if given is None or isinstance(given, Segmentation):
-        return given
+    if segmentation is None or isinstance(segmentation, Segmentation):
+        return segmentation
     reading = _reading(annotation, config)
-    if isinstance(given, bytes):
+    if isinstance(segmentation, bytes):
         expected = options.image_wh or annotation.camera_wh
         return read_segmentation(
-            given, reading, expected_wh=expected, max_side=options.max_side
+            segmentation, reading, expected_wh=expected, max_side=options.max_side
         )
     family = _named_family(reading)
     if family is None:
@@ -437,7 +441,7 @@ def _as_segmentation(
             "or a carla_version in the annotation, found neither",
             code="family_not_named",
         )
-    return segmentation_from_tags(given, family, reading.changed)
+    return segmentation_from_tags(segmentation, family, reading.changed)
 
 
 def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> SegmentationOptions:

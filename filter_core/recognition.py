@@ -161,7 +161,7 @@ def _shown_family(
         return {}, ()
     (family,) = common
     orders = frozenset(ORDERS).intersection(
-        *({order for one, order in vote.readings if one == family} for vote in votes)
+        *({order for name, order in vote.readings if name == family} for vote in votes)
     )
     telling = sum(vote.families == common for vote in votes)
     note = (
@@ -196,13 +196,14 @@ def _common(votes: Sequence[_Vote]) -> frozenset[str]:
         return common
     *before, last = usual
     other = min(before, key=lambda vote: len(vote.families & last.families))
-    one, two = (
+    first, second = (
         f"{vote.key} is of {' or '.join(sorted(vote.families))}"
         for vote in (other, last)
     )
     raise LayoutError(
-        f"expected segmentations of one family of tags, found several: {one}, {two}. "
-        "Read recordings of different versions of CARLA apart, or give their frames a "
-        "carla_version; --palette names the family if one of these is wrong",
+        f"expected segmentations of one family of tags, found several: {first}, "
+        f"{second}. Read recordings of different versions of CARLA apart, or give "
+        "their frames a carla_version; --palette names the family if one of these is "
+        "wrong",
         code="several_families",
     )

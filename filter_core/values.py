@@ -181,8 +181,8 @@ def read_numbers(
     if items is None:
         return None
     read = [read_number(item, at / i, faults) for i, item in enumerate(items)]
-    known = tuple(number for number in read if number is not None)
-    return known if len(known) == count else None
+    numbers = tuple(number for number in read if number is not None)
+    return numbers if len(numbers) == count else None
 
 
 def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
@@ -426,21 +426,21 @@ _SIMILAR: Final = 0.6
 """The similarity from which a word counts as misspelt."""
 
 
-def nearest(word: object, known: Iterable[str]) -> str:
+def nearest(word: object, vocabulary: Iterable[str]) -> str:
     """The known word that is most similar to this one."""
-    return _matches(word, known, 0.0)[0]
+    return _matches(word, vocabulary, 0.0)[0]
 
 
 def similar(
-    word: object, known: Iterable[str], *, likeness: float = _SIMILAR
+    word: object, vocabulary: Iterable[str], *, likeness: float = _SIMILAR
 ) -> str | None:
     """The known word that was probably meant; None if no word is similar enough.
 
     `likeness` is 1 for equal words. Demand more where other words may be on purpose.
     """
-    return next(iter(_matches(word, known, likeness)), None)
+    return next(iter(_matches(word, vocabulary, likeness)), None)
 
 
-def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
+def _matches(word: object, vocabulary: Iterable[str], cutoff: float) -> list[str]:
     # difflib is quadratic: a kilobyte of nonsense must not cost a second.
-    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
+    return difflib.get_close_matches(str(word)[:80], sorted(vocabulary), 1, cutoff)

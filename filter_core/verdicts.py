@@ -145,8 +145,8 @@ class Reason(IntEnum):
         """
         reasons = tuple(reason for reason in cls if reason.label == label)
         if not reasons:
-            known = ", ".join(get_args(ReasonLabel))
-            raise ValueError(f"unknown reason {label!r}; known: {known}")
+            labels = ", ".join(get_args(ReasonLabel))
+            raise ValueError(f"unknown reason {label!r}; known: {labels}")
         return reasons
 
 

@@ -58,8 +58,8 @@ def read_boxes(
     """
     at = Place() / "boxes"
     if not isinstance(value, (list, tuple)):
-        found = "nothing" if value is None else shown(value)
-        faults.add(at, "missing_boxes", "a list of boxes", found)
+        text = "nothing" if value is None else shown(value)
+        faults.add(at, "missing_boxes", "a list of boxes", text)
         return ()
     if len(value) > limits.max_boxes:
         expected = f"at most {limits.max_boxes} boxes"
@@ -91,8 +91,8 @@ def _read_box(
     first = seen.setdefault(box_id, index)
     if first != index:
         expected = "an id that occurs once in the frame"
-        found = f"{shown(box_id)} again, after box {first}"
-        faults.add(at / "id", "duplicate_id", expected, found)
+        text = f"{shown(box_id)} again, after box {first}"
+        faults.add(at / "id", "duplicate_id", expected, text)
     names = [
         None if raw.get(key) is None else read_text(raw[key], at / key, faults, longest)
         for key in ("class", "type_id", "base_type")
@@ -105,8 +105,8 @@ def _read_box(
         place = at / "distance"
         distance = read_number(given_distance, place, faults)
         if distance is not None and distance < 0:
-            found = shown(given_distance)
-            faults.add(place, "negative_distance", "metres from 0", found)
+            text = shown(given_distance)
+            faults.add(place, "negative_distance", "metres from 0", text)
     instance_id = None
     if raw.get("instance_id") is not None:
         place = at / "instance_id"
@@ -146,15 +146,15 @@ def _read_distance_range(
 
 
 def check_extra(
-    raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
+    raw: Mapping[str, object], known_keys: frozenset[str], at: Place, faults: Faults
 ) -> None:
-    """Adds faults of what exports write unchanged: ``extra``, and keys not in `known`.
+    """Adds faults of what exports write unchanged: ``extra``, and other keys.
 
-    `raw` is the frame or the box as given.
+    `raw` is the frame or the box as given; other keys are those not in `known_keys`.
     """
     check_kept_object(raw.get("extra"), at / "extra", faults)
-    if not raw.keys() <= known:
-        unknown = {key: raw[key] for key in raw if key not in known}
+    if not raw.keys() <= known_keys:
+        unknown = {key: raw[key] for key in raw if key not in known_keys}
         check_kept(unknown, at, faults)
 
 
@@ -201,8 +201,12 @@ def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
         expected = f"only {', '.join(_BOX3D_KEYS)}"
         faults.add(at / key, "unknown_key", expected, shown(value[key]))
     # Without a transform the box is given in the world, as get_level_bbs does.
-    given = value.get("transform")
-    read = None if given is None else read_transform(given, at / "transform", faults)
+    transform = value.get("transform")
+    read = (
+        None
+        if transform is None
+        else read_transform(transform, at / "transform", faults)
+    )
     actor = read or Transform()
     extent: Triple = (0.0, 0.0, 0.0)
     if "extent" in value:
@@ -222,7 +226,7 @@ def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
 def _read_optional(
     value: Mapping[str, object], key: str, at: Place, faults: Faults
 ) -> Triple:
-    given = value.get(key)
+    raw = value.get(key)
     read = read_rotation if key == "rotation" else read_vector
-    triple = None if given is None else read(given, at / key, faults)
+    triple = None if raw is None else read(raw, at / key, faults)
     return triple or (0.0, 0.0, 0.0)

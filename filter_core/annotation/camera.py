@@ -99,11 +99,11 @@ def _read_side(value: object, at: Place, faults: Faults) -> int | None:
 def _only_one(
     value: Mapping[str, object], keys: tuple[str, str], at: Place, faults: Faults
 ) -> str | None:
-    given = [key for key in keys if value.get(key) is not None]
-    if len(given) > 1:
+    given_keys = [key for key in keys if value.get(key) is not None]
+    if len(given_keys) > 1:
         # If the two disagree, it is unknown which one is meant.
         faults.add(at, "contradiction", f"{keys[0]} or {keys[1]}", "both")
-    return given[0] if given else None
+    return given_keys[0] if given_keys else None
 
 
 def _read_rows(value: object, side: int, at: Place, faults: Faults) -> _Rows | None:
@@ -111,8 +111,8 @@ def _read_rows(value: object, side: int, at: Place, faults: Faults) -> _Rows | N
     if rows is None:
         return None
     read = [read_numbers(row, side, at / i, faults) for i, row in enumerate(rows)]
-    known = [row for row in read if row is not None]
-    return known if len(known) == side else None
+    number_rows = [row for row in read if row is not None]
+    return number_rows if len(number_rows) == side else None
 
 
 def _build(
@@ -147,20 +147,20 @@ def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
     if (first := next(places, None)) is None:
         return
     value = raw.get("camera")
-    given = _KNOWN_KEYS & value.keys() if isinstance(value, Mapping) else set()
+    keys = _KNOWN_KEYS & value.keys() if isinstance(value, Mapping) else set()
     needed = "width, height, fov and transform (or intrinsic and world_to_camera)"
-    found = ", ".join(sorted(given)) or "nothing"
+    names = ", ".join(sorted(keys)) or "nothing"
     expected = f"{needed} because {first.words} is 3D"
-    faults.add(Place() / "camera", "missing_camera", expected, found)
+    faults.add(Place() / "camera", "missing_camera", expected, names)
 
 
 def read_sensors(value: object, faults: Faults) -> dict[str, Transform | None]:
     """The poses of the sensors besides the camera by name; null is no sensors."""
     at = Place() / "sensors"
     check_kept_object(value, at, faults)
-    given = value if isinstance(value, Mapping) else {}
+    entries = value if isinstance(value, Mapping) else {}
     sensors: dict[str, Transform | None] = {}
-    for name, raw in given.items():
+    for name, raw in entries.items():
         if not isinstance(raw, Mapping):
             faults.add(at / name, "not_an_object", "an object", shown(raw))
             continue

@@ -41,8 +41,9 @@ _OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
 
 @dataclass(frozen=True)
 class AnnotationLimits:
-    """How many boxes and bytes of JSON one annotation may hold, and how many characters
-    an id, a class, a type and each of the frame's own texts.
+    """How many boxes and bytes of JSON one annotation may hold.
+
+    Also how many characters an id, a class, a type and each text of the frame may have.
     """
 
     max_boxes: int = 10_000
@@ -219,9 +220,9 @@ def frame_vertices(annotation: FrameAnnotation) -> FloatArray:
     """
     boxes = annotation.boxes
     vertices = np.full((len(boxes), 8, 3), np.nan)
-    given, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)
-    if len(given):
-        vertices[given] = _values(boxes, given).reshape(-1, 8, 3)
+    vertex_rows, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)
+    if len(vertex_rows):
+        vertices[vertex_rows] = _values(boxes, vertex_rows).reshape(-1, 8, 3)
     if len(actors):
         vertices[actors] = boxes3d_vertices(_values(boxes, actors))
     return vertices
@@ -233,14 +234,14 @@ def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesX
     Of a 3D box it is one outside of the image. `boxes` were checked before; `wh` is
     (width, height) of the image, px.
     """
-    found = np.full((len(boxes), 4), _OUTSIDE)
+    rectangles = np.full((len(boxes), 4), _OUTSIDE)
     rows: dict[str, list[int]] = {}
     for row, box in enumerate(boxes):
         for form in box.keys() & FORMS:
             rows.setdefault(form, []).append(row)
     for form, of_form in rows.items():
-        found[of_form] = to_xyxy(form, [boxes[row][form] for row in of_form], wh)
-    return found
+        rectangles[of_form] = to_xyxy(form, [boxes[row][form] for row in of_form], wh)
+    return rectangles
 
 
 def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:

@@ -163,7 +163,7 @@ def _decode_json(raw: bytes | str, faults: Faults, limits: JsonLimits) -> object
 
 
 def _object_of(
-    found: list[_Repeating], pairs: list[tuple[str, object]]
+    repetitions: list[_Repeating], pairs: list[tuple[str, object]]
 ) -> dict[str, object]:
     plain = dict(pairs)
     if len(plain) == len(pairs):
@@ -171,7 +171,7 @@ def _object_of(
     repeating = _Repeating(plain)
     times = Counter(key for key, _ in pairs)
     repeating.repeated = tuple(key for key, count in times.items() if count > 1)
-    found.append(repeating)
+    repetitions.append(repeating)
     return repeating
 
 

@@ -336,14 +336,14 @@ def refuse_unknown_keys(
     names: Iterable[object], valid: Iterable[str], *, at: str = ""
 ) -> None:
     """Raise `ConfigError` for the first name that is not valid."""
-    known = tuple(valid)
+    valid_names = tuple(valid)
     for name in names:
-        if name not in known:
-            close = similar(name, known)
+        if name not in valid_names:
+            close = similar(name, valid_names)
             hint = (
                 f"the nearest valid key is {close!r}"
                 if close
-                else f"expected one of {', '.join(known)}"
+                else f"expected one of {', '.join(valid_names)}"
             )
             text = repr(name)
             quoted = text if len(text) <= 60 else f"{text[:57]}..."

@@ -128,13 +128,13 @@ def load_config(
     return LoadedConfig(FilterConfig.from_mapping(keys), keys=keys)
 
 
-def merged_keys(below: Mapping[str, object], given: Mapping[str, object]) -> JsonObject:
-    """The keys of two configurations; those `given` win, class by class."""
-    classes, given_classes = below.get("classes"), given.get("classes") or {}
+def merged_keys(below: Mapping[str, object], above: Mapping[str, object]) -> JsonObject:
+    """The keys of two configurations; those of `above` win, class by class."""
+    classes, given_classes = below.get("classes"), above.get("classes") or {}
     if not isinstance(classes, Mapping) or not isinstance(given_classes, Mapping):
-        return {**below, **given}
+        return {**below, **above}
     merged = merged_classes(classes, given_classes)
-    return {**below, **given, "classes": merged}
+    return {**below, **above, "classes": merged}
 
 
 def merged_classes(
@@ -240,9 +240,9 @@ def _color_as_text(key: yaml.Node) -> yaml.Node:
     """
     if not isinstance(key, yaml.SequenceNode) or len(key.value) != _CHANNELS:
         return key
-    if not all(one.tag == _WHOLE_NUMBER for one in key.value):
+    if not all(node.tag == _WHOLE_NUMBER for node in key.value):
         return key
-    text = ", ".join(one.value for one in key.value)
+    text = ", ".join(node.value for node in key.value)
     return yaml.ScalarNode(_TEXT, f"[{text}]", key.start_mark, key.end_mark)
 
 
@@ -282,20 +282,20 @@ def _from_carlasimu(
             f"carlasimu's boundingBox.yaml, found {', '.join(map(repr, raw))}"[:300],
             pointer="" if others else f"/{CARLASIMU_ROOT}",
         )
-    given = _our_keys(raw)
-    if not given:
+    own = _our_keys(raw)
+    if not own:
         # The error about another of carlasimu's files, such as its ``data.yaml``
         *first, last = _BY_PATH
-        found = list(islice(_leaf_paths(content, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
-        more = " and others" if len(found) > _SHOWN_KEYS else ""
+        leaf_paths = list(islice(_leaf_paths(content, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
+        more = " and others" if len(leaf_paths) > _SHOWN_KEYS else ""
         raise ConfigError(
             "expected a key of carlasimu's boundingBox.yaml that the filter uses "
             f"({', '.join(first)} or {last}), "
-            f"found {', '.join(found[:_SHOWN_KEYS]) or 'no key'}{more}",
+            f"found {', '.join(leaf_paths[:_SHOWN_KEYS]) or 'no key'}{more}",
             pointer=f"/{CARLASIMU_ROOT}",
         )
     published = {"profile": "carlasimu", "projection": "naive"}
-    keys = merged_keys(below, {**published, **given})
+    keys = merged_keys(below, {**published, **own})
     paths = _leaf_paths(content, CARLASIMU_ROOT)
     unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
     return LoadedConfig(FilterConfig.from_mapping(keys), tuple(unused), keys)
@@ -303,24 +303,24 @@ def _from_carlasimu(
 
 def _our_keys(raw: Mapping[str, object]) -> dict[str, object]:
     """The values that carlasimu's file has for our keys."""
-    given = {}
+    values = {}
     for path, name in _BY_PATH.items():
         *sections, last = path.split(".")
         section: object = raw
         for key in sections:
             section = section.get(key) if isinstance(section, Mapping) else None
         if isinstance(section, Mapping) and last in section:
-            given[name] = section[last]
-    if "classes" in given:
-        is_filtering = given.pop("classes")
+            values[name] = section[last]
+    if "classes" in values:
+        is_filtering = values.pop("classes")
         if not isinstance(is_filtering, bool):
             raise ConfigError(
                 f"expected true or false, found {shown(is_filtering)}",
                 pointer=f"/{CARLASIMU_ROOT}/cam_rgb/filter",
             )
         if not is_filtering:
-            given["classes"] = _UNFILTERED
-    return given
+            values["classes"] = _UNFILTERED
+    return values
 
 
 def _leaf_paths(section: Mapping[object, object], prefix: str) -> Iterator[str]:

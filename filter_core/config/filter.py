@@ -64,10 +64,10 @@ class ClassConfig(
 
     def as_dict(self) -> dict[str, object]:
         """The overridden keys alone, in canonical form."""
-        given = {name: getattr(self, name) for name in keys_of(ClassConfig)}
+        values = {name: getattr(self, name) for name in keys_of(ClassConfig)}
         return {
             name: list(value) if isinstance(value, tuple) else value
-            for name, value in given.items()
+            for name, value in values.items()
             if value is not INHERIT
         }
 
@@ -143,20 +143,20 @@ class DecideConfig(DecidingKeys, ClassLimits):
     classes: Mapping[str, ClassConfig] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        given: dict[str, object] = {
+        values: dict[str, object] = {
             name: getattr(self, name) for name in keys_of(type(self))
         }
         # Two defaults depend on other keys: who names a profile has the paper's filter,
         # and only `auto` keeps small remainders that thresholds would have cut.
-        if given["evidence"] is INHERIT and given["profile"] is not INHERIT:
-            given["evidence"] = SEMANTIC
-        if given["min_visible_pixels"] is INHERIT:
-            chooses = given["evidence"] not in (INHERIT, AUTO)
-            given["min_visible_pixels"] = 1 if chooses else INHERIT
+        if values["evidence"] is INHERIT and values["profile"] is not INHERIT:
+            values["evidence"] = SEMANTIC
+        if values["min_visible_pixels"] is INHERIT:
+            chooses = values["evidence"] not in (INHERIT, AUTO)
+            values["min_visible_pixels"] = 1 if chooses else INHERIT
         for name, key in keys_of(type(self)).items():
             # The canonical form of the value: 10.0 becomes 10.
-            is_given = given[name] is not INHERIT
-            value = key.allowed.checked(name, given[name]) if is_given else key.default
+            is_given = values[name] is not INHERIT
+            value = key.allowed.checked(name, values[name]) if is_given else key.default
             object.__setattr__(self, name, value)
         object.__setattr__(self, "classes", _canonical_classes(self.classes))
         _refuse_crossed_distances(self, "")
@@ -179,10 +179,10 @@ class DecideConfig(DecidingKeys, ClassLimits):
                 f"expected a mapping of keys, found {shown(raw)}", pointer=""
             )
         refuse_unknown_keys(raw, cls.keys())
-        given = dict(raw)
-        if given.get("classes") is None:
-            given["classes"] = {}
-        return cls(**given)
+        values = dict(raw)
+        if values.get("classes") is None:
+            values["classes"] = {}
+        return cls(**values)
 
     def as_dict(self) -> dict[str, object]:
         """Every key, defaults filled in, ready for JSON; `from_mapping` inverts it."""
@@ -192,7 +192,9 @@ class DecideConfig(DecidingKeys, ClassLimits):
             key: dict(value) if isinstance(value, Mapping) else value
             for key, value in values.items()
         }
-        overrides = {name: one.as_dict() for name, one in self.classes.items()}
+        overrides = {
+            name: override.as_dict() for name, override in self.classes.items()
+        }
         return {**plain, "classes": overrides}
 
     @cached_property
@@ -312,14 +314,14 @@ class FilterConfig(ReadingKeys, DecideConfig):
             own_reading=own,
             reading=SegmentationOptions.agreed(layers),
             accept={
-                name: one.accept
-                for name, one in self.classes.items()
-                if one.accept is not INHERIT
+                name: override.accept
+                for name, override in self.classes.items()
+                if override.accept is not INHERIT
             },
             class_map={
-                name: one.measures_as
-                for name, one in self.classes.items()
-                if one.measures_as is not INHERIT
+                name: override.measures_as
+                for name, override in self.classes.items()
+                if override.measures_as is not INHERIT
             },
             renamed=renamed or {},
             ignored=ignored,
@@ -349,7 +351,9 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
             )
         name = canonical_class(given_name)
         if name in classes:
-            same = (repr(given) for given in raw if canonical_class(given) == name)
+            same = (
+                repr(spelling) for spelling in raw if canonical_class(spelling) == name
+            )
             raise ConfigError(
                 f"classes: {' and '.join(same)} name the same class; keep one",
                 pointer=f"/classes/{pointer_token(given_name)}",
@@ -360,33 +364,33 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
         if not isinstance(overrides, ClassConfig):
             overrides = ClassConfig.from_mapping(overrides, at=at)
         classes[name] = overrides
-    for name, one in classes.items():
-        _refuse_unknown_meaning(name, one, classes)
+    for name, override in classes.items():
+        _refuse_unknown_meaning(name, override, classes)
     return MappingProxyType(
         {name: classes[name] for name in sorted(classes) if classes[name].as_dict()}
     )
 
 
 def _refuse_unknown_meaning(
-    name: str, one: ClassConfig, classes: Mapping[str, ClassConfig]
+    name: str, override: ClassConfig, classes: Mapping[str, ClassConfig]
 ) -> None:
     """Raise if a class is to be measured as something that has no tags."""
-    if one.measures_as is INHERIT:
+    if override.measures_as is INHERIT:
         return
     at = f"/classes/{pointer_token(name)}"
-    if one.accept is not INHERIT:
+    if override.accept is not INHERIT:
         raise ConfigError(
             f"classes.{name}: expected measures_as or accept, found both; keep one",
             pointer=at,
         )
-    other = classes.get(one.measures_as, _NO_OVERRIDES)
-    if one.measures_as in (*MEASURED_CLASSES, PASS) or other.accept is not INHERIT:
+    other = classes.get(override.measures_as, _NO_OVERRIDES)
+    if override.measures_as in (*MEASURED_CLASSES, PASS) or other.accept is not INHERIT:
         return
-    close = similar(one.measures_as, (*MEASURED_CLASSES, PASS))
+    close = similar(override.measures_as, (*MEASURED_CLASSES, PASS))
     hint = f"did you mean {close!r}?" if close else f"such as {MEASURED_CLASSES[0]!r}"
     raise ConfigError(
         f"classes.{name}: expected a class that has tags, or {PASS}, found "
-        f"{one.measures_as!r}; {hint}",
+        f"{override.measures_as!r}; {hint}",
         pointer=f"{at}/measures_as",
     )
 
@@ -429,7 +433,7 @@ def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
 def _limits_by_class(config: DecideConfig, names: tuple[str, ...]) -> LimitsByClass:
     limits = [config.limits_of(name) for name in names]
     arrays = {
-        name: allowed.array([getattr(one, name) for one in limits])
+        name: allowed.array([getattr(class_limits, name) for class_limits in limits])
         for name, allowed in _NUMBER_RANGES.items()
     }
     passed = np.array([config.of_class(name).measures_as == PASS for name in names])
@@ -500,7 +504,7 @@ def _flat(config: FilterConfig) -> dict[str, object]:
     plain = {key: getattr(config, key) for key in keys_of(FilterConfig)}
     nested = {
         f"classes.{name}.{key}": value
-        for name, one in config.classes.items()
-        for key, value in one.as_dict().items()
+        for name, override in config.classes.items()
+        for key, value in override.as_dict().items()
     }
     return {**plain, **nested}

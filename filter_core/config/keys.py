@@ -296,6 +296,6 @@ def keys_of(config_class: type[Dataclass]) -> Mapping[str, Key]:
 # Cached: called several times for every configuration that is made.
 @cache
 def _keys_of(config_class: type[Dataclass]) -> Mapping[str, Key]:
-    found = declared_keys(config_class)
-    first = [name for name in _LISTED_FIRST if name in found]
-    return MappingProxyType({name: found[name] for name in [*first, *found]})
+    keys = declared_keys(config_class)
+    first = [name for name in _LISTED_FIRST if name in keys]
+    return MappingProxyType({name: keys[name] for name in [*first, *keys]})

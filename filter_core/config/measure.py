@@ -94,11 +94,11 @@ class MeasureConfig:
 
     @property
     def pixel_digest(self) -> str:
-        """A digest that accept sets and renamed classes do not change, if they need no
-        pixels.
+        """A digest that changes only with what needs the pixels again.
 
-        Numbers for other accept sets follow from the stored histograms of tags, so
-        that configurations with equal pixel digests need no images read again. With
+        Accept sets and renamed classes do not change it, if they need no pixels.
+        Numbers for other accept sets follow from the stored histograms of tags, so that
+        configurations with equal pixel digests need no images read again. With
         channels, or under profile ``carlasimu``, accept sets do count.
         """
         plain = self.as_dict()
@@ -137,7 +137,9 @@ class MeasureConfig:
             "version": self.version if self.profile == "paper" else 1,
             "renamed": dict(self.renamed),
         }
-        plain |= {name: one for name, one in optional.items() if one not in ({}, 1)}
+        plain |= {
+            name: value for name, value in optional.items() if value not in ({}, 1)
+        }
         if self.min_forward is not None:
             plain["min_forward"] = self.min_forward
         if not self.channels:
@@ -153,9 +155,9 @@ class MeasureConfig:
 
     def with_channels(self, names: Collection[str]) -> MeasureConfig:
         """The same, with these channels measured as well."""
-        wanted = {*self.channels, *names}
+        all_names = {*self.channels, *names}
         return replace(
-            self, channels=tuple(name for name in CHANNELS if name in wanted)
+            self, channels=tuple(name for name in CHANNELS if name in all_names)
         )
 
     def as_measured(self, stored: JsonObject) -> MeasureConfig:
@@ -247,11 +249,11 @@ def _channels_of(
     stored: JsonObject,
 ) -> tuple[tuple[ChannelName, ...], float | None, DepthEncoding]:
     """Channels, `depth_tolerance` and `depth_encoding` of a stored measurement."""
-    found = stored.get("channels") or {}
+    channels = stored.get("channels") or {}
     return (
-        tuple(found.get("names", ())),
-        found.get("depth_tolerance"),
-        found.get("depth_encoding", "auto"),
+        tuple(channels.get("names", ())),
+        channels.get("depth_tolerance"),
+        channels.get("depth_encoding", "auto"),
     )
 
 

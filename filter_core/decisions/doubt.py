@@ -227,8 +227,8 @@ def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Do
     worth = 100 * likely.share[asked] * np.minimum(seen / _SEEN_SIDE, 1.0)
     worth *= np.where(teaches, 1.0, _OTHERS)
     worth *= np.where(side < _SEEN_SIDE, _LAST, 1.0)
-    found: NDArray[np.int16] = np.maximum(np.rint(worth), Bin.ASK).astype(np.int16)
-    doubt[asked] = found
+    rounded: NDArray[np.int16] = np.maximum(np.rint(worth), Bin.ASK).astype(np.int16)
+    doubt[asked] = rounded
     doubt[shorter_side(evidence) < config.review_min_side] = Bin.SMALL
     doubt[~_IN_IMAGE.take(decisions.reason)] = Bin.SURE
     cause = np.where(doubt >= Bin.ASK, likely.cause, np.uint8(Cause.NONE))
@@ -241,7 +241,7 @@ def bins_of(doubt: NDArray[np.int16]) -> NDArray[np.int16]:
     return bins
 
 
-BIN_NAMED: Final = {one.label: one for one in Bin}
+BIN_NAMED: Final = {member.label: member for member in Bin}
 """The bins by their names on the wire."""
 
 
@@ -261,7 +261,7 @@ def shorter_side(
 
 
 def questions(
-    found: Doubts,
+    doubt: Doubts,
     evidence: Evidence,
     config: DecideConfig,
     decisions: Decisions,
@@ -271,7 +271,7 @@ def questions(
 
     Parameters
     ----------
-    found : Doubts
+    doubt : Doubts
         What `doubts` gives for the next three arguments.
     evidence, config, decisions : of N boxes
     covering : mapping
@@ -297,7 +297,7 @@ def questions(
         ),
         Cause.OTHER_KIND: lambda row: (
             f"{_NAMES[CHANNELS[decisions.channel[row] - 1]]} and "
-            f"{_NAMES[KINDS[found.against[row]]]} disagree about it"
+            f"{_NAMES[KINDS[doubt.against[row]]]} disagree about it"
         ),
         Cause.TOSS_UP: lambda _: (
             "too few pixels to be certain on which side of the threshold it is"
@@ -306,7 +306,7 @@ def questions(
     }
     return [
         words[Cause(cause)](row) if cause else None
-        for row, cause in enumerate(found.cause.tolist())
+        for row, cause in enumerate(doubt.cause.tolist())
     ]
 
 

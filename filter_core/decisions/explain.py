@@ -92,11 +92,10 @@ class ExplainedBox(NamedTuple):
 
 
 def explain(box: ExplainedBox) -> str:
-    """Why a box was kept, rejected or not measured: the verdict, a colon and the
-    reason.
+    """Why a box was kept, rejected or not measured.
 
-    A number is never rounded to the one that it is compared with, or past it: 9.96 % is
-    never shown as the 10 % that are needed.
+    It is the verdict, a colon and the reason. A number is never rounded to the one that
+    it is compared with, or past it: 9.96 % is never shown as the 10 % that are needed.
     """
     if box.channel is not None:
         sentence = _CHANNEL_SENTENCES[box.channel](box)
@@ -137,12 +136,12 @@ def _unknown_pixels(box: ExplainedBox) -> str:
 
 def _no_visible_pixels(box: ExplainedBox) -> str:
     names = _any_of(box.accepted)
-    found, needed = box.matched_pixels, box.pixels_needed
-    if found == 0:
+    count, needed = box.matched_pixels, box.pixels_needed
+    if count == 0:
         return f"none of its pixels are {names}{_hiding(box)}"
-    are = "is" if found == 1 else "are"
+    are = "is" if count == 1 else "are"
     return (
-        f"only {found} of its pixels {are} {names}, {needed} are needed{_hiding(box)}"
+        f"only {count} of its pixels {are} {names}, {needed} are needed{_hiding(box)}"
     )
 
 
@@ -454,15 +453,15 @@ def hidden_by(
     """
     total = sum(tag_counts)
     hiding = _hiding_tags(accept_mask, family)
-    found = [
+    hiding_counts = [
         (count, *hiding[column])
         for column, count in enumerate(tag_counts)
         if count and column in hiding
     ]
-    found.sort(key=lambda one: (-one[0], one[1]))
+    hiding_counts.sort(key=lambda row: (-row[0], row[1]))
     return [
         {"tag": tag, "name": name, "rgb": list(rgb), "percent": 100.0 * count / total}
-        for count, tag, name, rgb in found[:_MOST_SHOWN]
+        for count, tag, name, rgb in hiding_counts[:_MOST_SHOWN]
     ]
 
 

@@ -134,7 +134,10 @@ def decision_dicts(
         geometry.visible_xyxy if geometry is not None else None, count
     )
     lines = geometry.edges if geometry is not None else [None] * count
-    edges = [None if one is None else np.asarray(one).tolist() for one in lines]
+    edges = [
+        None if box_edges is None else np.asarray(box_edges).tolist()
+        for box_edges in lines
+    ]
     measured = evidence.measured.tolist()
     # (N,): the pixels of a box's instance, else those at its distance
     by_instance = channels.instance_pixels != NOT_MEASURED
@@ -235,10 +238,10 @@ def decided_boxes(
 def decision_columns(
     frame: FrameFacts | Sequence[FrameFacts], evidence: Evidence, decisions: Decisions
 ) -> DecisionColumns:
-    """The columns of tables of N decisions besides `decided_boxes`; no people's
-    answers.
+    """The columns of tables of N decisions besides `decided_boxes`.
 
-    `frame` is one for all boxes, or one for each; all frames have the same `config`.
+    People's answers are not among them. `frame` is one for all boxes, or one for each;
+    all frames have the same `config`.
     """
     count = len(evidence)
     frames = [frame] * count if isinstance(frame, FrameFacts) else frame

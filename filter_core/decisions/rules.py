@@ -146,10 +146,10 @@ def _decide_block(
     # (N,) bool: the 95 % Wilson interval of the match contains the threshold
     allowed = threshold * (100.0 - threshold)
     allowed *= Z95 * Z95
-    found = margin * margin
-    found *= evidence.box_pixels[rows]
+    deviation = margin * margin
+    deviation *= evidence.box_pixels[rows]
     # False where there is no threshold: NaN compares as False.
-    decisions.toss_up[rows] = found <= allowed
+    decisions.toss_up[rows] = deviation <= allowed
     # Not every large box, only those that a threshold decided.
     decisions.large[rows] = large & ~np.isnan(threshold)
 
@@ -220,7 +220,7 @@ def deciding_thresholds(limits: LimitsByClass) -> list[DecidingThreshold]:
     """
     small, big = limits.threshold_small_box, limits.threshold_big_box
     both = _as_carlasimu(limits)  # whether large boxes have to pass both thresholds
-    found = [
+    thresholds = [
         DecidingThreshold(Reason.VISIBLE, False, small),
         DecidingThreshold(Reason.BELOW_THRESHOLD, False, small),
         DecidingThreshold(
@@ -232,8 +232,8 @@ def deciding_thresholds(limits: LimitsByClass) -> list[DecidingThreshold]:
         # Here a large box must reach both. If it has reached `big`, it can still be
         # below `small`, but only where `small` is the higher one.
         if_higher = np.where(small > big, small, np.nan)
-        found.append(DecidingThreshold(Reason.BELOW_THRESHOLD, True, if_higher))
-    return found
+        thresholds.append(DecidingThreshold(Reason.BELOW_THRESHOLD, True, if_higher))
+    return thresholds
 
 
 def _is_out_of_range(

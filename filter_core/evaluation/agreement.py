@@ -103,11 +103,11 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
 
 
 def cohen_kappa(table: IntArray) -> Measured | None:
-    """Agreement of two people beyond what chance would give, -1..1, with its 95 %
-    interval.
+    """Agreement of two people beyond what chance would give, -1..1.
 
-    None if undefined: no boxes, or both always gave the same one answer. `table`, (K,
-    K) int64, counts boxes by the answer of the one, then of the other.
+    It has a 95 % interval. None if undefined: no boxes, or both always gave the same
+    one answer. `table`, (K, K) int64, counts boxes by the answer of the one, then of
+    the other.
 
     References
     ----------

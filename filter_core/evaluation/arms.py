@@ -90,14 +90,14 @@ class Arm(NamedTuple):
 
         Raises `ConfigError`: there is no such arm.
         """
-        found = _ARM.fullmatch(name)
+        match = _ARM.fullmatch(name)
         for kind in ARMS:
-            if found is None or kind != found["kind"]:
+            if match is None or kind != match["kind"]:
                 continue
-            if found["pixels"] is None:
+            if match["pixels"] is None:
                 return cls(kind)
             if kind in _FILTERED:
-                return cls(kind, int(found["pixels"]))
+                return cls(kind, int(match["pixels"]))
         raise ConfigError(
             f"arms: expected {', '.join(ARMS)}, or one of {', '.join(_FILTERED)} with "
             f"min_visible_pixels as in ordered@3, found {name[:40]!r}"
@@ -178,8 +178,8 @@ class LabelledBoxes:
         """
         if arm == "raw":
             return self.raw_xyxy
-        known = ~np.isnan(self.xyxy[:, :1])
-        return np.where(known, self.xyxy, self.raw_xyxy)
+        has_rectangle = ~np.isnan(self.xyxy[:, :1])
+        return np.where(has_rectangle, self.xyxy, self.raw_xyxy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +205,7 @@ def label_boxes(
     key: str,
     exact: ProjectedBoxes,
     naive: ProjectedBoxes,
-    known: BoxTruth,
+    box_truth: BoxTruth,
     configs: Mapping[str, FilterConfig | None],
 ) -> LabelledBoxes:
     """Which boxes of one frame each arm labels.
@@ -225,7 +225,7 @@ def label_boxes(
     has_exact = _has_area(exact.xyxy)
     # What the camera does not see is a ghost, whatever the instance image says.
     unseen = ~has_exact & ~np.isnan(evidence.distance)
-    truth = np.where(unseen, GHOST, known.truth)
+    truth = np.where(unseen, GHOST, box_truth.truth)
     whole = {"raw": has_raw, "clipped": has_exact, "perfect": truth == OBJECT}
     labelled: dict[str, BoolArray] = {}
     without: dict[str, BoolArray] = {}
@@ -249,7 +249,7 @@ def label_boxes(
         class_index=evidence.class_index,
         distance=evidence.distance,
         truth=truth,
-        pixels=known.pixels,
+        pixels=box_truth.pixels,
         xyxy=exact.xyxy,
         raw_xyxy=naive.xyxy,
         tight_xyxy=tight,

@@ -121,7 +121,7 @@ class Evaluation:
             "frames": self.frames,
             "boxes": self.unfiltered.boxes,
             "unfiltered": self.unfiltered.as_dict(),
-            "channels": {name: one.as_dict() for name, one in self.scores.items()},
+            "channels": {name: score.as_dict() for name, score in self.scores.items()},
         }
 
 
@@ -172,7 +172,7 @@ class LargestErrors:
         pixels: IntArray = np.where(kept[rows], wrong.box_pixels, seen)
         # Stable, so that the order of equal errors is always the same.
         largest = np.argsort(-pixels, kind="stable")[:MOST]
-        found = [
+        boxes = [
             WrongBox(
                 name_of(int(rows[place])),
                 "kept_hidden" if kept[rows[place]] else "rejected_visible",
@@ -180,7 +180,7 @@ class LargestErrors:
             )
             for place in largest.tolist()
         ]
-        merged = sorted([*self.boxes, *found], key=lambda box: -box.pixels)
+        merged = sorted([*self.boxes, *boxes], key=lambda box: -box.pixels)
         self.boxes = merged[:MOST]
 
 
@@ -212,11 +212,11 @@ class PartCounts:
             (band_index(boxes.distance), BANDS, self.by_band),
         ):
             counts = np.bincount(group[rows] * 4 + code, minlength=4 * len(names))
-            for name, (hidden, lost, ghosts, found) in zip(
+            for name, (hidden, lost, ghosts, objects) in zip(
                 names, counts.reshape(-1, 4).tolist(), strict=True
             ):
-                if hidden + lost + ghosts + found:
-                    counted = Confusion(found, ghosts, lost, hidden)
+                if hidden + lost + ghosts + objects:
+                    counted = Confusion(objects, ghosts, lost, hidden)
                     into[name] = into.get(name, Confusion()) + counted
 
     @property
@@ -229,7 +229,8 @@ class PartCounts:
         return {
             **self.total.as_dict(),
             "by_class": {
-                name: one.as_dict() for name, one in sorted(self.by_class.items())
+                name: confusion.as_dict()
+                for name, confusion in sorted(self.by_class.items())
             },
             "by_distance": [
                 {"band": name, **self.by_band[name].as_dict()}
@@ -241,11 +242,10 @@ class PartCounts:
 
 @dataclass
 class ChannelScore(PartCounts):
-    """The right and wrong verdicts of one kind of evidence so far, and the largest
-    errors.
+    """The right and wrong verdicts of one kind of evidence so far.
 
-    `judged` counts the boxes that it had a number for; the segmentation judged the
-    others.
+    It has the largest errors, too. `judged` counts the boxes that it had a number for;
+    the segmentation judged the others.
     """
 
     judged: int = 0

@@ -144,9 +144,9 @@ def _match_class(
     order = np.argsort(objects.frame, kind="stable")
     of_frame = np.searchsorted(objects.frame[order], np.arange(frames + 1))
     starts = np.searchsorted(frame, np.arange(frames + 1))
-    for one in np.unique(frame).tolist():
-        there = objects[order[of_frame[one] : of_frame[one + 1]]]
-        part = slice(starts[one], starts[one + 1])
+    for number in np.unique(frame).tolist():
+        there = objects[order[of_frame[number] : of_frame[number + 1]]]
+        part = slice(starts[number], starts[number + 1])
         overlap = pairwise_iou(detections.xyxy[rows[part]], there.xyxy)
         hit[:, part], ignored[:, part] = _match_frame(overlap, there.ignored, ious)
     best = np.argsort(-detections.score[rows], kind="stable")
@@ -183,13 +183,13 @@ def _match_frame(
 
 
 def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
-    """(R, T) float64, 0..1: the average precision of one class for each weighting of
-    frames and each of T overlaps; NaN where there is no object.
+    """(R, T) float64, 0..1: the average precision of one class.
 
-    `weights`, (R, F) float64, say how often each of F frames counts; of a resample, how
-    often it was drawn.
+    For each of R weightings of frames and each of T overlaps; NaN where there is no
+    object. `weights`, (R, F) float64, say how often each of F frames counts; of a
+    resample, how often it was drawn.
     """
-    found = np.zeros((len(weights), len(matches.hit)))
+    averages = np.zeros((len(weights), len(matches.hit)))
     objects = weights @ matches.objects
     for row, (hit, ignored) in enumerate(
         zip(matches.hit, matches.ignored, strict=True)
@@ -205,9 +205,9 @@ def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
         recall = right_so_far / np.maximum(objects, 1e-9)[:, None]
         reached = np.searchsorted(_RECALLS, recall, side="right")
         steps = np.diff(reached, axis=1, prepend=0)
-        found[:, row] = (steps * envelope).sum(axis=1) / len(_RECALLS)
-    found[objects <= 0] = np.nan
-    return found
+        averages[:, row] = (steps * envelope).sum(axis=1) / len(_RECALLS)
+    averages[objects <= 0] = np.nan
+    return averages
 
 
 def mean_precisions(
@@ -218,12 +218,14 @@ def mean_precisions(
     The mean is over classes with objects; the parameters are those of
     `average_precision`, for all classes. 0 if no class has objects.
     """
-    each = [average_precision(one, weights) for one in matches.values()]
+    each = [
+        average_precision(class_matches, weights) for class_matches in matches.values()
+    ]
     if not each:
         return np.zeros(len(weights)), np.zeros(len(weights))
     stacked = np.stack(each)
-    known = (~np.isnan(stacked[..., 0])).sum(axis=0)
-    total = np.nansum(stacked, axis=0) / np.maximum(known, 1)[:, None]
+    class_count = (~np.isnan(stacked[..., 0])).sum(axis=0)
+    total = np.nansum(stacked, axis=0) / np.maximum(class_count, 1)[:, None]
     return total[:, 0], total.mean(axis=1)
 
 
@@ -240,9 +242,15 @@ class OperatingPoint(NamedTuple):
 
 def operating_point(matches: Sequence[Matches]) -> OperatingPoint:
     """The score with the best F1 over all classes, at the first overlap."""
-    score = np.concatenate([one.score[~one.ignored[0]] for one in matches] or [[]])
-    hit = np.concatenate([one.hit[0][~one.ignored[0]] for one in matches] or [[]])
-    objects = int(sum(one.objects.sum() for one in matches))
+    score = np.concatenate(
+        [class_matches.score[~class_matches.ignored[0]] for class_matches in matches]
+        or [[]]
+    )
+    hit = np.concatenate(
+        [class_matches.hit[0][~class_matches.ignored[0]] for class_matches in matches]
+        or [[]]
+    )
+    objects = int(sum(class_matches.objects.sum() for class_matches in matches))
     if not len(score) or not objects:
         return OperatingPoint(1.0, 0.0, 0.0)
     order = np.argsort(-score, kind="stable")
@@ -293,30 +301,34 @@ def score_detections(
     map50, map50_95 = mean_precisions(matches, every)
     point = operating_point(list(matches.values()))
     false = [
-        one.row[(one.score >= point.score) & ~one.hit[0] & ~one.ignored[0]]
-        for one in matches.values()
+        class_matches.row[
+            (class_matches.score >= point.score)
+            & ~class_matches.hit[0]
+            & ~class_matches.ignored[0]
+        ]
+        for class_matches in matches.values()
     ]
     rows = np.concatenate([*false, np.empty(0, np.int64)])
     by_class = {}
-    for label, one in matches.items():
-        if total := int(one.objects.sum()):
-            each = average_precision(one, every)[0]
+    for label, class_matches in matches.items():
+        if total := int(class_matches.objects.sum()):
+            each = average_precision(class_matches, every)[0]
             by_class[classes[label]] = {
                 "objects": total,
                 "ap50": float(each[0]),
                 "ap50_95": float(each.mean()),
-                "recall": _hits([one], point.score) / total,
+                "recall": _hits([class_matches], point.score) / total,
             }
     by_distance = {}
     band = band_index(objects.distance)
     for number, name in enumerate(BANDS):
         own = replace(objects, ignored=objects.ignored | (band != number))
         if total := int((~own.ignored).sum()):
-            found = match(own, detections, frames, IOUS[:1])
+            band_matches = match(own, detections, frames, IOUS[:1])
             by_distance[name] = {
                 "objects": total,
-                "ap50": float(mean_precisions(found, every)[0][0]),
-                "recall": _hits(found.values(), point.score) / total,
+                "ap50": float(mean_precisions(band_matches, every)[0][0]),
+                "recall": _hits(band_matches.values(), point.score) / total,
             }
     return {
         "map50": float(map50[0]),
@@ -332,7 +344,12 @@ def score_detections(
 
 def _hits(matches: Iterable[Matches], score: float) -> int:
     """How many objects are found, at the first overlap, from a score on."""
-    return int(sum(one.hit[0][one.score >= score].sum() for one in matches))
+    return int(
+        sum(
+            class_matches.hit[0][class_matches.score >= score].sum()
+            for class_matches in matches
+        )
+    )
 
 
 def _count_on(ghosts: Objects, detections: Detections) -> int:

@@ -136,14 +136,14 @@ def estimate(table: IntArray) -> Estimate:
        procedures for inference in the two-sample case", Biometrics 71, 2015.
     """
     generator = np.random.default_rng(_SEED)
-    lost, found = (_visible(table[:, verdict], generator) for verdict in (0, 1))
+    lost, hits = (_visible(table[:, verdict], generator) for verdict in (0, 1))
     kept = float(table[:, 1].sum())
     opposite = lost[::-1]  # a score is lowest where most boxes are lost
     return Estimate(
-        _measured([a / kept for a in found]) if kept else None,
-        _measured([_ratio(a, a + b) for a, b in zip(found, opposite, strict=True)]),
+        _measured([a / kept for a in hits]) if kept else None,
+        _measured([_ratio(a, a + b) for a, b in zip(hits, opposite, strict=True)]),
         _measured(
-            [_ratio(2 * a, kept + a + b) for a, b in zip(found, opposite, strict=True)]
+            [_ratio(2 * a, kept + a + b) for a, b in zip(hits, opposite, strict=True)]
         ),
     )
 
@@ -223,7 +223,7 @@ def plan(table: IntArray, half_width: float) -> tuple[int, float]:
     likely = (strata[:, Said.KEEP] + _LIKELY_ANSWERS * _LIKELY) / (
         answered + _LIKELY_ANSWERS
     )
-    for size in (one for one in _PLANS if one < total):
+    for size in (plan_size for plan_size in _PLANS if plan_size < total):
         sample = np.rint(size * boxes / total).astype(np.int64)
         keep = np.rint(sample * likely).astype(np.int64)
         expected = np.zeros((1, *merged.shape), np.int64)
@@ -231,7 +231,7 @@ def plan(table: IntArray, half_width: float) -> tuple[int, float]:
         expected[0, :, Part.SAMPLE, Said.KEEP] = keep
         expected[0, :, Part.SAMPLE, Said.REJECT] = sample - keep
         expected[0, :, Part.REST, Said.NOTHING] = boxes - sample
-        found = estimate(expected).half_width
-        if found <= half_width:
-            return size, found
+        width = estimate(expected).half_width
+        if width <= half_width:
+            return size, width
     return total, 0.0

@@ -103,11 +103,11 @@ class Confusion:
         increases with J, so the ends of its interval are those of J's, transformed.
         """
         wrong = self.kept_hidden + self.rejected_visible
-        found = share(self.kept_visible, self.kept_visible + wrong)
-        if found is None:
+        jaccard = share(self.kept_visible, self.kept_visible + wrong)
+        if jaccard is None:
             return None
-        low, high = _f1_of(found.low), _f1_of(found.high)
-        return Measured(_f1_of(found.value), low, high)
+        low, high = _f1_of(jaccard.low), _f1_of(jaccard.high)
+        return Measured(_f1_of(jaccard.value), low, high)
 
     def as_dict(self) -> ConfusionObject:
         """Counts and scores, ready for JSON."""

@@ -101,11 +101,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The best threshold for a goal, percent, with its 95 % interval; and scores of
-    others.
+    """The best threshold for a goal, percent, with its 95 % interval and scores.
 
-    Those of the threshold in use and of the suggested one, and a curve from the lowest
-    threshold to the highest.
+    The scores are those of the threshold in use and of the suggested one, and a curve
+    from the lowest threshold to the highest.
     """
 
     threshold: float
@@ -290,7 +289,7 @@ class Judged:
     def of(cls, evidence: Evidence, config: FilterConfig, visible: BoolArray) -> Judged:
         """Decide N boxes, of truth `visible` (N,); unmeasured ones are left out."""
         decisions = decide(evidence, config)
-        known = VERDICT_OF_REASON[decisions.reason] != UNMEASURED
+        is_measured = VERDICT_OF_REASON[decisions.reason] != UNMEASURED
         by_channel = decisions.channel > 0
         own = own_percent(evidence, config.channels)
         passes = decide(evidence, _without_share(config)).reason == Reason.VISIBLE
@@ -304,7 +303,7 @@ class Judged:
             by_own=by_channel & passes & ~np.isnan(own),
             kept=decisions.reason == Reason.VISIBLE,
             visible=visible,
-        ).where(known)
+        ).where(is_measured)
 
     @classmethod
     def joined(cls, parts: Iterable[Judged]) -> Judged:
@@ -333,8 +332,8 @@ class Judged:
 def _without_share(config: FilterConfig) -> FilterConfig:
     """The configuration without `min_visible_percent`."""
     classes = {
-        name: replace(one, min_visible_percent=INHERIT)
-        for name, one in config.classes.items()
+        name: replace(override, min_visible_percent=INHERIT)
+        for name, override in config.classes.items()
     }
     return replace(config, min_visible_percent=0, classes=classes)
 
@@ -396,10 +395,10 @@ def suggest_per_class(
             others = mine.where(~is_free).confusion
             answers = Answers(free.share, free.visible, others, strict=strict)
             current = float(getattr(limits, key))
-            found = suggest(answers, current, goal)
-            if found is not None:
+            suggestion = suggest(answers, current, goal)
+            if suggestion is not None:
                 suggestions.append(
-                    ClassSuggestion(name, key, current, len(answers), found)
+                    ClassSuggestion(name, key, current, len(answers), suggestion)
                 )
     return suggestions
 
@@ -409,9 +408,11 @@ def with_thresholds(
 ) -> FilterConfig:
     """The configuration with the suggested threshold of each class."""
     change: Callable[..., ClassConfig] = replace
-    for one in suggestions:
-        name = canonical_class(one.class_name)
-        changed = change(config.of_class(name), **{one.key: one.found.threshold})
+    for suggestion in suggestions:
+        name = canonical_class(suggestion.class_name)
+        changed = change(
+            config.of_class(name), **{suggestion.key: suggestion.found.threshold}
+        )
         config = replace(config, classes={**config.classes, name: changed})
     return config
 

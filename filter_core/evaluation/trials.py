@@ -173,8 +173,11 @@ def compare(
 
 
 class _Scored(NamedTuple):
-    """The scores of a trial; `values` is (1 + R, 2): mAP50 and mAP50-95, first of all
-    frames, then of each resample."""
+    """The scores of a trial.
+
+    `values` is (1 + R, 2): mAP50 and mAP50-95, first of all frames, then of each
+    resample.
+    """
 
     score: DetectionScore
     means: dict[str, float]
@@ -205,8 +208,8 @@ def _score(trial: Trial, test: EvaluationSet, weights: FloatArray) -> _Scored:
     tight = replace(test.objects[has_tight], xyxy=test.tight_xyxy[has_tight])
 
     def map50(objects: Objects) -> float:
-        found = match(objects, detections, frames, IOUS[:1])
-        return float(mean_precisions(found, weights[:1])[0][0])
+        matches = match(objects, detections, frames, IOUS[:1])
+        return float(mean_precisions(matches, weights[:1])[0][0])
 
     means = {
         "precision": score["precision"],
@@ -225,14 +228,16 @@ def _seeded(values: Mapping[TrialKey, FloatArray]) -> SeededObject:
     tests = sorted({key.test for key in values})
     total = np.zeros(1 + _RESAMPLES)
     for test in tests:
-        own = np.stack([one for key, one in values.items() if key.test == test], axis=1)
+        own = np.stack(
+            [numbers for key, numbers in values.items() if key.test == test], axis=1
+        )
         drawn = rng.integers(0, own.shape[1], own.shape)
         drawn[0] = np.arange(own.shape[1])  # the first row is no resample
         total += np.take_along_axis(own, drawn, axis=1).mean(axis=1) / len(tests)
     low, high = np.quantile(total[1:], [0.025, 0.975]).tolist()
     by_seed = {
         str(seed): fmean(
-            float(one[0]) for key, one in values.items() if key.seed == seed
+            float(numbers[0]) for key, numbers in values.items() if key.seed == seed
         )
         for seed in sorted({key.seed for key in values})
     }
@@ -243,30 +248,32 @@ def _difference(
     scores: Mapping[TrialKey, _Scored], arm: str, baseline: str, column: int
 ) -> DifferenceObject:
     pairs = {
-        key: one.values[:, column] - scores[base].values[:, column]
-        for key, one in scores.items()
+        key: scored.values[:, column] - scores[base].values[:, column]
+        for key, scored in scores.items()
         if key.arm == arm and (base := key._replace(arm=baseline)) in scores
     }
     if not pairs:
         nothing = Measured(0.0, 0.0, 0.0).as_dict()
         return {**nothing, "by_seed": {}, "shown": False}
     seeded = _seeded(pairs)
-    signs = {np.sign(one) for one in seeded["by_seed"].values()}
+    signs = {np.sign(difference) for difference in seeded["by_seed"].values()}
     is_apart = seeded["low"] > 0 or seeded["high"] < 0
     several = len(seeded["by_seed"]) > 1
     return {**seeded, "shown": bool(is_apart and several and len(signs) == 1)}
 
 
 def _arm_score(scores: Mapping[TrialKey, _Scored], arm: str) -> ArmScore:
-    own = {key: one for key, one in scores.items() if key.arm == arm}
+    own = {key: scored for key, scored in scores.items() if key.arm == arm}
     listed = list(own.values())
     return {
         "trials": len(own),
-        "map50": _seeded({key: one.values[:, 0] for key, one in own.items()}),
-        "map50_95": _seeded({key: one.values[:, 1] for key, one in own.items()}),
-        "means": _means([one.means for one in listed]),
-        "by_class": _means_of_parts([one.score["by_class"] for one in listed]),
-        "by_distance": _means_of_parts([one.score["by_distance"] for one in listed]),
+        "map50": _seeded({key: scored.values[:, 0] for key, scored in own.items()}),
+        "map50_95": _seeded({key: scored.values[:, 1] for key, scored in own.items()}),
+        "means": _means([scored.means for scored in listed]),
+        "by_class": _means_of_parts([scored.score["by_class"] for scored in listed]),
+        "by_distance": _means_of_parts(
+            [scored.score["by_distance"] for scored in listed]
+        ),
     }
 
 
@@ -279,9 +286,10 @@ def _means_of_parts(
     scores: Sequence[Mapping[str, Mapping[str, float]]],
 ) -> dict[str, dict[str, float]]:
     """The means of each part, such as a class, over the trials that have it."""
-    names = dict.fromkeys(name for one in scores for name in one)
+    names = dict.fromkeys(name for score in scores for name in score)
     return {
-        name: _means([one[name] for one in scores if name in one]) for name in names
+        name: _means([score[name] for score in scores if name in score])
+        for name in names
     }
 
 
@@ -291,11 +299,11 @@ def verdict(
     """One sentence: in which arms the detector is better or worse, and where not."""
     said: dict[str, list[str]] = {"better": [], "worse": [], "no difference shown": []}
     for arm, both in differences.items():
-        one = both["map50"]
-        title = "better" if one["value"] > 0 else "worse"
-        said[title if one["shown"] else "no difference shown"].append(
-            f"{arm}{_ROLES.get(arm, '')} {one['value']:+.3f} "
-            f"({one['low']:+.3f} to {one['high']:+.3f})"
+        difference = both["map50"]
+        title = "better" if difference["value"] > 0 else "worse"
+        said[title if difference["shown"] else "no difference shown"].append(
+            f"{arm}{_ROLES.get(arm, '')} {difference['value']:+.3f} "
+            f"({difference['low']:+.3f} to {difference['high']:+.3f})"
         )
     parts = [f"{title}: {', '.join(arms)}" for title, arms in said.items() if arms]
     if not parts:

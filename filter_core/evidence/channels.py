@@ -236,6 +236,6 @@ def _read_points(sensors: Sensors) -> LidarPoints:
     table = sensors.tags_of_numbers
     if table is None:
         return points
-    known = (points.tag >= 0) & (points.tag < len(table))
-    tags = np.where(known, table[np.where(known, points.tag, 0)], UNKNOWN_TAG)
+    is_listed = (points.tag >= 0) & (points.tag < len(table))
+    tags = np.where(is_listed, table[np.where(is_listed, points.tag, 0)], UNKNOWN_TAG)
     return replace(points, tag=tags.astype(np.int64))

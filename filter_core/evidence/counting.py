@@ -64,9 +64,10 @@ def count_pixels(regions: Regions) -> IntArray:
     return count_codes_in(Regions(kept, regions.bounds), [1])[:, 0]
 
 
-def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
-    """(N, K) int64, px: how many pixels of each rectangle have each of K different
-    codes.
+def count_codes_in(regions: Regions, codes: Sequence[int]) -> IntArray:
+    """(N, K) int64, px: how many pixels of N rectangles have each of K codes.
+
+    The codes are different ones.
 
     Notes
     -----
@@ -81,44 +82,44 @@ def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
     by_pixels = len(regions) * _NS_PER_BOX
     by_pixels += float(regions.areas.sum()) * _NS_PER_BOX_PIXEL
     by_tables = height * width * _NS_PER_IMAGE_PIXEL
-    by_tables += height * width * len(wanted) * _NS_PER_CODE_AND_PIXEL
-    by_tables += len(regions) * len(wanted) * _NS_PER_CODE_AND_BOX
+    by_tables += height * width * len(codes) * _NS_PER_CODE_AND_PIXEL
+    by_tables += len(regions) * len(codes) * _NS_PER_CODE_AND_BOX
     if by_tables < by_pixels:
-        return count_by_tables(regions, wanted)
-    return count_by_pixels(regions, wanted)
+        return count_by_tables(regions, codes)
+    return count_by_pixels(regions, codes)
 
 
-def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
+def count_by_pixels(regions: Regions, codes: Sequence[int]) -> IntArray:
     """Counts from the rectangles' own pixels, in chunks of bounded size."""
-    counts = np.zeros((len(regions), len(wanted)), dtype=np.int64)
-    column = np.full(256, len(wanted), dtype=np.int64)
-    column[list(wanted)] = np.arange(len(wanted))
-    width = len(wanted) + 1
+    counts = np.zeros((len(regions), len(codes)), dtype=np.int64)
+    column = np.full(256, len(codes), dtype=np.int64)
+    column[list(codes)] = np.arange(len(codes))
+    width = len(codes) + 1
     for chunk in _chunks(regions.areas):
         bounds = regions.bounds[chunk]
         values, sizes = gather(regions.codes.pixels, bounds, regions.keep)
         stops = np.cumsum(sizes)
         ends = run_ends(values, stops)
         box = np.searchsorted(stops, ends, side="right")
-        found = np.bincount(
+        chunk_counts = np.bincount(
             box * width + column[regions.codes.codes_of(values[ends])],
             # Weights are float64: exact for whole numbers of pixels.
             weights=run_lengths(ends),
             minlength=len(bounds) * width,
         )
-        counts[chunk] = found.reshape(-1, width)[:, :-1]
+        counts[chunk] = chunk_counts.reshape(-1, width)[:, :-1]
     return counts
 
 
-def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
+def count_by_tables(regions: Regions, codes: Sequence[int]) -> IntArray:
     """Counts from one summed-area table per code."""
     height, width = regions.codes.hw
     plane = regions.codes.crop(0, 0, width, height)
     x0, y0, x1, y1 = regions.bounds.T
     row = width + 1
     corners = np.stack([y1 * row + x1, y1 * row + x0, y0 * row + x1, y0 * row + x0])
-    counts = np.empty((len(wanted), len(regions)), dtype=np.int64)
-    for index, code in enumerate(wanted):
+    counts = np.empty((len(codes), len(regions)), dtype=np.int64)
+    for index, code in enumerate(codes):
         hit = plane == code
         if regions.keep is not None:
             hit &= regions.keep

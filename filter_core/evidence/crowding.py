@@ -35,8 +35,9 @@ _CHUNK: Final = 1 << 15
 def crowding_percent(
     xyxy: BoxesXYXY, accept_mask: IntArray, *, most_pairs: int = _MOST_PAIRS
 ) -> FloatArray:
-    """(N,) float64, percent: the largest share of each box that one other box of an
-    alike class covers; 0 where no box that is alike overlaps.
+    """(N,) float64, percent: the largest share of each box that another covers.
+
+    The other is of an alike class; 0 where no box that is alike overlaps.
 
     Parameters
     ----------

@@ -199,10 +199,10 @@ def _refuse_form(header: ImageHeader, encoding: DepthEncoding) -> None:
     raise _unknown(f"expected {' or '.join(expected)}{named}, found {form}")
 
 
-def _too_coarse(found: str) -> ImageError:
+def _too_coarse(levels: str) -> ImageError:
     return ImageError(
         f"the depth image: expected CARLA's raw depth (RGB or RGBA, 24 bits), found "
-        f"{found} tell no car from the one behind it; save the image without a "
+        f"{levels} tell no car from the one behind it; save the image without a "
         "converter",
         pointer="/depth",
         code="depth_too_coarse",
@@ -269,15 +269,15 @@ def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
         if named == "auto":
             return replace(depth, is_certain=False)
         return depth if named == "carla" else _swapped(depth)
-    shown, found = _shown_order(differing)
+    shown, changes = _shown_order(differing)
     if shown == named == "auto":
         raise _unknown(
             "expected CARLA's raw depth, in which blue changes little from pixel to "
-            f"pixel and red much, found {found}, as in a photo, a colour map or an "
+            f"pixel and red much, found {changes}, as in a photo, a colour map or an "
             "image of another sensor. If it is depth, name its depth_encoding"
         )
     if named != "auto" and shown not in ("auto", named):
-        raise _unknown(f"depth_encoding says {named}, {found} prove {shown}")
+        raise _unknown(f"depth_encoding says {named}, {changes} prove {shown}")
     return _swapped(depth) if "carla-bgr" in (named, shown) else depth
 
 
@@ -355,15 +355,20 @@ def settled_depth(
     ]
     if depth.is_certain:
         are_behind = (
-            (depth.steps(one.silhouette.region)[one.mask] > high[one.silhouette.row])
-            for one in boxes
+            (
+                depth.steps(pixels.silhouette.region)[pixels.mask]
+                > high[pixels.silhouette.row]
+            )
+            for pixels in boxes
         )
         if len(boxes) > 1 and all(steps.all() for steps in are_behind):
             raise _unknown(
                 f"its pixels are behind each of the {len(boxes)} boxes that they "
                 "belong to: its numbers are not CARLA's, or the boxes of another frame"
             )
-        if boxes and not any(_boxes_that_fit(depth, [one], low, high) for one in boxes):
+        if boxes and not any(
+            _boxes_that_fit(depth, [pixels], low, high) for pixels in boxes
+        ):
             of_millimetres = (low / _STEPS_PER_MM, high / _STEPS_PER_MM)
             if 2 * _boxes_that_fit(depth, boxes, *of_millimetres) >= len(boxes):
                 raise _unknown(
@@ -376,7 +381,7 @@ def settled_depth(
     if not boxes and (is_color or np.isnan(interval[:, 0]).all()):
         return depth
     readings = [depth, _swapped(depth)] if is_color else [depth]
-    fits = [_boxes_that_fit(one, boxes, low, high) for one in readings]
+    fits = [_boxes_that_fit(reading, boxes, low, high) for reading in readings]
     most = max(fits)
     if most and (is_color or 2 * most >= len(boxes)):
         return readings[fits.index(most)]
@@ -489,12 +494,11 @@ def depth_interval(
 
 
 def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> FloatArray:
-    """(N,) float64, metres: how far the surface at each 3D box's projected centre is in
-    front of it.
+    """(N,) float64, metres: how far the surface is in front of each 3D box.
 
-    Above 0: the surface is nearer than the nearest point of the box. NaN where the
-    centre is not in the image, the box not 3D (a NaN row of `vertices`, which are (N,
-    8, 3), metres), or the image cannot tell.
+    That is the surface at its projected centre. Above 0: the surface is nearer than the
+    nearest point of the box. NaN where the centre is not in the image, the box not 3D
+    (a NaN row of `vertices`, which are (N, 8, 3), metres), or the image cannot tell.
 
     Notes
     -----
@@ -535,11 +539,10 @@ _BANDS: Final = 32
 def depth_slice(
     depth: DepthImage, xyxy: Sequence[float], interval: FloatArray
 ) -> DepthSlice:
-    """The depths in a rectangle that overlaps the image, px, with those that a 3D box
-    takes up.
+    """The depths in a rectangle that overlaps the image, px.
 
-    `interval`, (2,) float64, metres, is as `depth_interval` gives it; NaN: the box is
-    not 3D.
+    It also has those that a 3D box takes up. `interval`, (2,) float64, metres, is as
+    `depth_interval` gives it; NaN: the box is not 3D.
     """
     width, height = depth.wh
     left, top = (

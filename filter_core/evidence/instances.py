@@ -111,8 +111,8 @@ def read_instances(
     if header.media_type != "image/png":
         raise _fault("a PNG", "a JPEG, whose losses change ids", "lossy_instances")
     if header.color_model not in ("rgb", "rgba") or header.bit_depth != 8:
-        found = f"{header.color_model} with {header.bit_depth} bits"
-        raise _fault("RGB or RGBA with 8 bits", found)
+        pixel_format = f"{header.color_model} with {header.bit_depth} bits"
+        raise _fault("RGB or RGBA with 8 bits", pixel_format)
     with file_context("instances"):
         pixels = (
             content
@@ -161,19 +161,19 @@ def _orders_of_tags(
         last = int(np.flatnonzero(table <= LAST_TAG)[-1])
         orders = [order for order in channels if 0 < highest[order] <= last]
         if not orders:
-            found = f"values up to {highest['rgb']} in red and {highest['bgr']} in blue"
-            raise _fault(f"tags of 1 to {last} in red", found)
+            text = f"values up to {highest['rgb']} in red and {highest['bgr']} in blue"
+            raise _fault(f"tags of 1 to {last} in red", text)
         return orders
-    known = (tags > 0) & (tags < UNKNOWN_TAG)
+    is_tagged = (tags > 0) & (tags < UNKNOWN_TAG)
     agreeing = {
-        order: int(np.count_nonzero((table[values[..., channel]] == tags) & known))
+        order: int(np.count_nonzero((table[values[..., channel]] == tags) & is_tagged))
         for order, channel in channels.items()
     }
     best: ChannelOrder = "bgr" if agreeing["bgr"] > agreeing["rgb"] else "rgb"
     # Some images have tags of a few objects only, and 0 elsewhere.
     tagged = int(np.count_nonzero(values[..., channels[best]]))
     if agreeing[best] < _LEAST_AGREEMENT * max(tagged, 1):
-        percent = 100.0 / max(1, int(np.count_nonzero(known)))
+        percent = 100.0 / max(1, int(np.count_nonzero(is_tagged)))
         raise _fault(
             "the segmentation's tags in red (or in blue, if they are swapped)",
             f"them at {percent * agreeing['rgb']:.0f} % of the pixels in red and "
@@ -208,9 +208,9 @@ def settled_instances(
         )
         own = [
             sum(
-                np.count_nonzero(one.of(accepted[tags[one.region]]))
-                for one in silhouettes
-                for accepted in [accepts(int(boxes.accept_mask[one.row]), table)]
+                np.count_nonzero(silhouette.of(accepted[tags[silhouette.region]]))
+                for silhouette in silhouettes
+                for accepted in [accepts(int(boxes.accept_mask[silhouette.row]), table)]
             )
             for tags in (image.tags, swapped.tags)
         ]
@@ -253,12 +253,12 @@ def fill_instances(
     # A box whose annotation gives its instance gets that one, or none if not visible.
     weight[boxes.instance_id != NOT_MEASURED] = 0.0
     # (N,) int64: index of each box's given instance; `NOT_MEASURED` if not seen
-    wanted = boxes.instance_id & ID_BITS
-    at = np.searchsorted(pixels.ids, wanted)
+    ids = boxes.instance_id & ID_BITS
+    at = np.searchsorted(pixels.ids, ids)
     at[at == len(pixels)] = 0
     there = (boxes.instance_id != NOT_MEASURED) & (len(pixels) > 0)
     if len(pixels):
-        there &= pixels.ids[at] == wanted
+        there &= pixels.ids[at] == ids
     columns: IntArray = np.where(there, at, NOT_MEASURED).astype(np.int64)
     chosen = assign_instances(weight, columns)
     numbers.instance_pixels[:] = 0
@@ -309,12 +309,12 @@ class InstancePixels:
     def accepted(self, instance: int, accept_mask: int) -> tuple[int, FloatArray]:
         """Count of an instance's pixels of accepted tags, and the xyxy around them."""
         part = slice(self.start[instance], self.start[instance + 1])
-        wanted = accepts(accept_mask, self.tags[part])
-        if not wanted.any():
+        is_accepted = accepts(accept_mask, self.tags[part])
+        if not is_accepted.any():
             return 0, np.full(4, np.nan)
-        x, y = self.columns[part][wanted], self.rows[part][wanted]
+        x, y = self.columns[part][is_accepted], self.rows[part][is_accepted]
         around = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1], np.float64)
-        return int(wanted.sum()), around
+        return int(is_accepted.sum()), around
 
 
 def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePixels:
@@ -371,10 +371,10 @@ def pair_weights(
     rectangles, total = pixels.rectangles(), np.diff(pixels.start)
     # (N,): one over the square of the distance, in units of the median
     distance = boxes.distance
-    known = distance[~np.isnan(distance) & (distance > 0)]
+    distances = distance[~np.isnan(distance) & (distance > 0)]
     nearness = np.ones(len(distance))
-    if len(known):
-        relative = distance / np.median(known)
+    if len(distances):
+        relative = distance / np.median(distances)
         relative[np.isnan(relative)] = 1.0
         nearness = 1.0 / np.maximum(relative, _NEAREST) ** 2
     for silhouette in silhouettes:
@@ -395,7 +395,7 @@ _NEAREST: Final = 1e-3
 """Smaller distances, in medians, count as this one: nearness stays finite."""
 
 
-def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
+def assign_instances(weight: FloatArray, given_columns: IntArray) -> IntArray:
     """One instance per box and one box per instance, of the largest total weight.
 
     (N,) int64: the column of each box's instance; `NOT_MEASURED` where it has none.
@@ -404,7 +404,7 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     ----------
     weight : (N, K) float64
         0 where an instance cannot belong to a box.
-    given : (N,) int64
+    given_columns : (N,) int64
         Column of the instance that the annotation gives a box, which no other box can
         have then; `NOT_MEASURED` where it gives none.
 
@@ -413,9 +413,11 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     .. [1] D. F. Crouse, "On implementing 2D rectangular assignment algorithms", IEEE
        Transactions on Aerospace and Electronic Systems 52(4), 2016, as in SciPy.
     """
-    chosen: IntArray = given.astype(np.int64)
-    open_rows = np.flatnonzero((given == NOT_MEASURED) & (weight > 0).any(axis=1))
-    taken = given[given != NOT_MEASURED]
+    chosen: IntArray = given_columns.astype(np.int64)
+    open_rows = np.flatnonzero(
+        (given_columns == NOT_MEASURED) & (weight > 0).any(axis=1)
+    )
+    taken = given_columns[given_columns != NOT_MEASURED]
     columns = np.setdiff1d(np.flatnonzero((weight > 0).any(axis=0)), taken)
     if not len(open_rows) or not len(columns):
         return chosen

@@ -76,24 +76,23 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
         raise _fault("a PLY or NPY file", f"{content[:8]!r}")
     if len(table) > max_points:
         raise _fault(f"at most {max_points:,} points", f"{len(table):,}")
-    found = {
-        wanted: np.asarray(table[name], np.float64)
-        for wanted, name in _columns_by_meaning(table.dtype.names or ()).items()
+    columns = {
+        meaning: np.asarray(table[name], np.float64)
+        for meaning, name in _columns_by_meaning(table.dtype.names or ()).items()
     }
-    xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
-    if not all(np.isfinite(column).all() for column in found.values()):
+    xyz = np.stack([columns["x"], columns["y"], columns["z"]], axis=1)
+    if not all(np.isfinite(column).all() for column in columns.values()):
         raise _fault("finite numbers", "NaN or an infinity")
-    numbers = [found[name] for name in ("object", "tag") if name in found]
+    numbers = [columns[name] for name in ("object", "tag") if name in columns]
     if max(np.abs(column).max(initial=0) for column in numbers) > _MAX_EXACT:
         raise _fault(f"objects and tags up to {_MAX_EXACT:,}", "larger ones")
-    return LidarPoints(xyz, found["tag"].astype(np.int64))
+    return LidarPoints(xyz, columns["tag"].astype(np.int64))
 
 
 def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
-    """Check that a file of points is as long as its own header says; returns its media
-    type.
+    """Check that a file of points is as long as its own header says.
 
-    That is ``application/x-ply`` or ``application/x-npy``.
+    Returns its media type: ``application/x-ply`` or ``application/x-npy``.
 
     Parameters
     ----------
@@ -150,14 +149,16 @@ _SPELLINGS: Final[Mapping[str, tuple[str, ...]]] = {
 def _columns_by_meaning(names: Sequence[str]) -> dict[str, str]:
     """The file's own names of the columns that are needed; PointsError without."""
     lower = {name.lower(): name for name in names}
-    found: dict[str, str] = {}
-    for wanted, spellings in _SPELLINGS.items():
-        name = next((lower[one] for one in spellings if one in lower), None)
+    columns: dict[str, str] = {}
+    for meaning, spellings in _SPELLINGS.items():
+        name = next(
+            (lower[spelling] for spelling in spellings if spelling in lower), None
+        )
         if name is not None:
-            found[wanted] = name
-        elif wanted != "object":
+            columns[meaning] = name
+        elif meaning != "object":
             raise _fault(f"a column {spellings[0]}", ", ".join(lower)[:200] or "none")
-    return found
+    return columns
 
 
 _MAX_EXACT: Final = 2**53
@@ -183,8 +184,8 @@ def _has_named_columns(array: NDArray[np.generic]) -> bool:
         _columns_by_meaning(array.dtype.names)
         return True
     if array.ndim != 2 or array.shape[1] != 6 or array.dtype.kind not in "fiu":
-        found = f"shape {array.shape} of {array.dtype}"
-        raise _fault("an array of 6 columns (x, y, z, cosine, object, tag)", found)
+        shape = f"shape {array.shape} of {array.dtype}"
+        raise _fault("an array of 6 columns (x, y, z, cosine, object, tag)", shape)
     return False
 
 
@@ -225,9 +226,9 @@ def _check_ply(content: bytes, sensor: str, max_points: int) -> None:
     if encoding != "ascii":
         _check_binary(content, count, dtype, body)
         return
-    needed, found = count * len(dtype.names or ()), _words_in(content, body)
-    if found < needed:
-        raise _too_few_words(found, count, dtype)
+    needed, word_count = count * len(dtype.names or ()), _words_in(content, body)
+    if word_count < needed:
+        raise _too_few_words(word_count, count, dtype)
 
 
 def _check_count(count: int, max_points: int) -> None:
@@ -240,8 +241,8 @@ def _check_binary(
 ) -> None:
     needed = count * dtype.itemsize
     if len(content) - body < needed:
-        found = f"{len(content) - body:,} bytes: it is truncated"
-        raise _fault(f"{needed:,} bytes of points", found)
+        size = f"{len(content) - body:,} bytes: it is truncated"
+        raise _fault(f"{needed:,} bytes of points", size)
 
 
 def _ascii_points(
@@ -253,22 +254,22 @@ def _ascii_points(
     if needed > len(content) - body:
         raise _too_few_words(_words_in(content, body), count, dtype)
     numbers = np.empty(needed)
-    found, at = 0, body
-    while found < needed and at < len(content):
+    word_count, at = 0, body
+    while word_count < needed and at < len(content):
         # The offset after the last blank within a chunk
         end = min(at + _TEXT_CHUNK, len(content))
         if end < len(content):
             end = max(content.rfind(blank, at, end) for blank in _BLANKS) + 1
             if end == 0:
                 raise _fault("numbers", f"a word of more than {_TEXT_CHUNK:,} bytes")
-        words = content[at:end].split(None, needed - found)[: needed - found]
+        words = content[at:end].split(None, needed - word_count)[: needed - word_count]
         try:
-            numbers[found : found + len(words)] = np.array(words, np.float64)
+            numbers[word_count : word_count + len(words)] = np.array(words, np.float64)
         except ValueError:
             raise _fault("numbers", "text among the points") from None
-        found, at = found + len(words), end
-    if found < needed:
-        raise _too_few_words(found, count, dtype)
+        word_count, at = word_count + len(words), end
+    if word_count < needed:
+        raise _too_few_words(word_count, count, dtype)
     rows = numbers.reshape(count, len(names))
     table = np.empty(count, [(name, "f8") for name in names])
     for column, name in enumerate(names):
@@ -289,10 +290,12 @@ def _words_in(content: bytes, start: int) -> int:
     return words
 
 
-def _too_few_words(found: int, count: int, dtype: np.dtype[np.void]) -> PointsError:
+def _too_few_words(
+    word_count: int, count: int, dtype: np.dtype[np.void]
+) -> PointsError:
     return _fault(
         f"{count:,} points of {len(dtype.names or ())} numbers",
-        f"{found:,} numbers: it is truncated",
+        f"{word_count:,} numbers: it is truncated",
     )
 
 

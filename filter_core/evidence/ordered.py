@@ -52,8 +52,15 @@ def owned_pixels(
     claims = np.full(image_wh[::-1], _UNCLAIMED, np.int32)
     # From near to far; ties are ordered by id
     ranked = sorted(
-        (one for one in accepted if not np.isnan(distance[one.silhouette.row])),
-        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
+        (
+            pixels
+            for pixels in accepted
+            if not np.isnan(distance[pixels.silhouette.row])
+        ),
+        key=lambda pixels: (
+            distance[pixels.silhouette.row],
+            ids[pixels.silhouette.row],
+        ),
     )
     bounds = silhouette_bounds(ranked)
     for rank, pixels in enumerate(ranked):
@@ -68,9 +75,9 @@ def owned_pixels(
             taken = free & pixels.own
             left = islands(pixels, ranked[rank + 1 :], bounds[rank + 1 :])
             claimed[taken if left is None else taken & ~left] = rank
-    row_of_rank = np.array([one.silhouette.row for one in ranked], np.int64)
-    known = explained_by != NOT_MEASURED
-    explained_by[known] = row_of_rank[explained_by[known]]
+    row_of_rank = np.array([pixels.silhouette.row for pixels in ranked], np.int64)
+    is_explained = explained_by != NOT_MEASURED
+    explained_by[is_explained] = row_of_rank[explained_by[is_explained]]
     return owned, explained_by
 
 
@@ -102,8 +109,7 @@ def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
 def islands(
     box: AcceptedPixels, behind: Sequence[AcceptedPixels], bounds: IntArray
 ) -> Mask | None:
-    """(h, w) bool: the pixels in a box's region that more likely belong to boxes behind
-    it.
+    """(h, w) bool: the pixels of a box's region that more likely are of boxes behind.
 
     None if there are none.
 
@@ -129,9 +135,9 @@ def islands(
     around = box.mask if box.around is None else box.around
     if len(behind) == 0 or min(around.shape) <= 2 or not box.count:
         return None
-    found = cv2.connectedComponentsWithStats(around.view(np.uint8), connectivity=8)
-    labels: IntArray = found[1].astype(np.int64)
-    stats: IntArray = found[2].astype(np.int64)
+    components = cv2.connectedComponentsWithStats(around.view(np.uint8), connectivity=8)
+    labels: IntArray = components[1].astype(np.int64)
+    stats: IntArray = components[2].astype(np.int64)
     # Which patches are small compared with the largest and do not touch the border
     area = stats[:, _AREA]
     own = np.bincount(labels[box.own], minlength=len(stats))
@@ -151,12 +157,12 @@ def islands(
     right, bottom = left + stats[:, _WIDTH], top + stats[:, _HEIGHT]
     fits = small & (bounds[:, :1] <= left) & (bounds[:, 1:2] <= top)
     fits &= (bounds[:, 2:3] >= right) & (bounds[:, 3:4] >= bottom)
-    given = np.zeros(len(stats), np.bool_)
+    is_island = np.zeros(len(stats), np.bool_)
     for place in np.flatnonzero(fits.any(axis=1)).tolist():
-        wanted = fits[place] & ~given
-        if wanted.any():
-            given |= wanted & _held(box, labels, stats, behind[place])
-    return given[labels] if given.any() else None
+        candidates = fits[place] & ~is_island
+        if candidates.any():
+            is_island |= candidates & _held(box, labels, stats, behind[place])
+    return is_island[labels] if is_island.any() else None
 
 
 def _held(

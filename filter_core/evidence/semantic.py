@@ -201,9 +201,9 @@ def _counts(
     # (N, N_TAGS): counts by tag from counts by code; several codes are Unknown
     tags = regions.codes.tag_of_code[codes]
     tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
-    known = tags < UNKNOWN_COLUMN
-    tag_counts[:, tags[known]] = counts[:, known]
-    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
+    is_known = tags < UNKNOWN_COLUMN
+    tag_counts[:, tags[is_known]] = counts[:, is_known]
+    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~is_known].sum(axis=1)
     return _Counts(box_pixels, (counts * accepted).sum(axis=1), tag_counts)
 
 

@@ -74,8 +74,7 @@ def frame_silhouettes(
     *,
     centres: bool = False,
 ) -> list[Silhouette]:
-    """The silhouettes of a frame's boxes, in their order, without those that are not in
-    the image.
+    """The silhouettes of a frame's boxes that are in the image, in their order.
 
     Parameters
     ----------
@@ -135,11 +134,10 @@ def _by_row(
 
 
 def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
-    """N of (rows, columns) bool: the pixels that the convex hull of some points
-    touches.
+    """N of (rows, columns) bool: the pixels that convex hulls touch.
 
-    `outlines` are N of (P, 2) float64, px; `bounds`, (N, 4) int64, are first column,
-    first row, last column + 1, last row + 1 of each.
+    Each is the hull of some points: `outlines` are N of (P, 2) float64, px; `bounds`,
+    (N, 4) int64, are first column, first row, last column + 1, last row + 1 of each.
 
     Notes
     -----
@@ -172,13 +170,13 @@ def _filled(
     owner = np.repeat(np.arange(len(outlines)), heights)
     top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
     # (N, K, 2) px: the hulls' corners in order, padded by repeating the last one
-    found = []
+    hulls = []
     for points in outlines:
         # OpenCV returns None for points that coincide; as an array, 0-dimensional.
         corners = np.asarray(cv2.convexHull(points.astype(np.float32)))
-        found.append(corners[:, 0] if corners.ndim else points[:1])
-    padded = np.empty((len(found), max(map(len, found)), 2))
-    for row, hull in enumerate(found):
+        hulls.append(corners[:, 0] if corners.ndim else points[:1])
+    padded = np.empty((len(hulls), max(map(len, hulls)), 2))
+    for row, hull in enumerate(hulls):
         padded[row, : len(hull)] = hull
         padded[row, len(hull) :] = hull[-1]
     # The columns that a hull covers in each row of pixels, a block of rows at a time
@@ -319,12 +317,12 @@ def accepted_pixels(
         mask: accepts(mask, codes.tag_of_code)
         for mask in np.unique(accept_mask).tolist()
     }
-    found = []
+    accepted = []
     for silhouette in silhouettes:
         table = tables[int(accept_mask[silhouette.row])]
         box = silhouette.x0, silhouette.y0, silhouette.x1, silhouette.y1
         around = table[codes.crop(*box)]
         if ignore is not None:
             around = around & ~ignore[silhouette.region]
-        found.append(AcceptedPixels(silhouette, silhouette.of(around), around))
-    return found
+        accepted.append(AcceptedPixels(silhouette, silhouette.of(around), around))
+    return accepted

@@ -116,9 +116,9 @@ def _bands(folder: Path) -> list[Path]:
     """The folders of the distance bands, the widest last; else the only one."""
     labels = folder / "labels"
     if labels.is_dir():
-        found = [path for path in labels.iterdir() if is_band(path.name)]
-        if found:
-            return sorted(found, key=_metres)
+        bands = [path for path in labels.iterdir() if is_band(path.name)]
+        if bands:
+            return sorted(bands, key=_metres)
     single = folder / "label"
     return [single] if single.is_dir() else []
 
@@ -204,8 +204,8 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
             own = {**of_all, **frame.annotation}
             ranged = partial(_with_ranges, own, within, frame.label)
             plain = _file_in(lidar, name)
-            known = replace(frame, others=others, plain_points=plain)
-            yield annotated(known, ranged)
+            completed = replace(frame, others=others, plain_points=plain)
+            yield annotated(completed, ranged)
 
     return replace(
         frames,
@@ -349,7 +349,7 @@ class CarlaSimuWriter:
             return
         if band == band_name(self._bands[-1]):
             self._beyond -= len(out.boxes)
-        numbers = {one.row: self._number_of[one.class_number] for one in out.boxes}
+        numbers = {box.row: self._number_of[box.class_number] for box in out.boxes}
         if out.own is None:
             places = np.array(list(numbers.values()), np.int64)
             boxes = replace(out.boxes, class_number=places)
@@ -408,10 +408,10 @@ class CarlaSimuWriter:
             if counts
         }
         theirs = joined_beside(self._beside)
-        given = theirs.get("distance")
+        limits = theirs.get("distance")
         distance: dict[str, object] = {"max_distance": list(self._bands)}
-        if isinstance(given, Mapping) and "min_distance" in given:
-            distance["min_distance"] = given["min_distance"]
+        if isinstance(limits, Mapping) and "min_distance" in limits:
+            distance["min_distance"] = limits["min_distance"]
         document: dict[str, object] = {
             "box": "[x_center,y_center,width,hight]",
             **theirs,

@@ -125,7 +125,7 @@ def _faults_of_declaration(candidate: Format) -> Iterator[str]:
 
 def _faults_of_texts(candidate: Format) -> Iterator[str]:
     packages = {
-        package_of(one) for one in plugin_entries() if one.name == candidate.name
+        package_of(entry) for entry in plugin_entries() if entry.name == candidate.name
     }
     if len(packages) > 1:
         yield f"name: {' and '.join(sorted(packages))} both have {candidate.name!r}."
@@ -197,38 +197,40 @@ def _faults_of_frames(
         yield f"FrameSet.layout: expected {candidate.name!r}, found {frames.layout!r}."
     if frames.count not in (None, len(read)):
         yield f"FrameSet.count is {frames.count}, but {len(read)} frames are read."
-    for key, times in Counter(one.key for one in read).items():
+    for key, times in Counter(frame.key for frame in read).items():
         if not key:
             yield "A key is empty; it names the frame."
         elif times > 1:
             yield f"The key {key!r} is that of {times} frames; each has its own."
-    for one in read:
-        yield from (f"Frame {one.key!r} of the example: {x}." for x in _faults_of(one))
-    if not any((one.annotation or {}).get("boxes") for one in read):
+    for frame in read:
+        yield from (
+            f"Frame {frame.key!r} of the example: {x}." for x in _faults_of(frame)
+        )
+    if not any((frame.annotation or {}).get("boxes") for frame in read):
         yield "The example has no box, so that reading boxes is not checked."
 
 
 def _faults_of_spans(box_spans: BoxSpans, read: list[FrameSource]) -> Iterator[str]:
     """Boxes of the example that are not found in their label file."""
-    for one in read:
-        boxes = (one.annotation or {}).get("boxes")
+    for frame in read:
+        boxes = (frame.annotation or {}).get("boxes")
         rows = range(len(boxes)) if isinstance(boxes, list) else range(0)
         if not rows:
             continue
-        if one.origin is None:
-            yield f"Frame {one.key!r} of the example has no origin, which spans need."
+        if frame.origin is None:
+            yield f"Frame {frame.key!r} of the example has no origin, which spans need."
             continue
         try:
-            with one.origin.file.open("rb") as file:
+            with frame.origin.file.open("rb") as file:
                 spans = list(box_spans(file))
         except Exception as error:  # of a foreign function
             yield f"box_spans fails with the example: {_in_words(error)}."
             continue
         there = {span.place for span in spans if span.start < span.end}
-        if not there.issuperset(map(one.origin.place, rows)):
+        if not there.issuperset(map(frame.origin.place, rows)):
             yield (
-                f"Frame {one.key!r} of the example: box_spans does not have the places "
-                f"of all {len(rows)} boxes; it has {len(there)}."
+                f"Frame {frame.key!r} of the example: box_spans does not have the "
+                f"places of all {len(rows)} boxes; it has {len(there)}."
             )
 
 
@@ -268,7 +270,7 @@ def _faults_with_damage(
     """
     if example.is_file():
         return
-    own = [one.label for one in first if one.label]
+    own = [frame.label for frame in first if frame.label]
     texts = [
         path.relative_to(example).as_posix()
         for path in sorted(example.rglob("*"))
@@ -300,10 +302,10 @@ def _fault_with(candidate: Format, source: Path, is_of_frame: bool) -> str | Non
         what = "the problem of its frame alone" if is_of_frame else "a LayoutError"
         return f"the reader fails with {_in_words(error)}; expected {what}"
     try:
-        for one in frames:
-            if one.annotation is not None:
+        for frame in frames:
+            if frame.annotation is not None:
                 with suppress(FilterError):
-                    parse_annotation(one.annotation, frame=one.key)
+                    parse_annotation(frame.annotation, frame=frame.key)
     except Exception as error:  # of a foreign reader
         return (
             f"reading frames ends with {_in_words(error)}; expected the `problem` of a "

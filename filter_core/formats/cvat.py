@@ -103,7 +103,7 @@ def _elements(path: Path) -> Iterator[Element]:
     try:
         with opening_file(path, "labels"), open_regular(path) as file:
             count = 0
-            for event, one in iterparse(
+            for event, node in iterparse(
                 _WithoutNamespaces(file.read, path.name),
                 ("start", "end"),
                 forbid_dtd=True,
@@ -115,9 +115,9 @@ def _elements(path: Path) -> Iterator[Element]:
                             f"{path.name}: at most {_MAX_ELEMENTS} elements of one "
                             "image are read"
                         )
-                elif one.tag in ("image", *_OUTSIDE_IMAGES):
-                    yield one
-                    one.clear()
+                elif node.tag in ("image", *_OUTSIDE_IMAGES):
+                    yield node
+                    node.clear()
                     count = 0
     except ParseError as exc:
         raise LayoutError(f"{path.name}: cannot be read as XML: {exc}") from exc
@@ -151,17 +151,17 @@ def _listed(paths: Sequence[Path]) -> tuple[dict[str, None], list[str]]:
     classes: dict[str, None] = {}
     names = []
     for path in paths:
-        for one in _elements(path):
-            if one.tag == "track":
+        for node in _elements(path):
+            if node.tag == "track":
                 raise LayoutError(
                     f"{path.name}: expected CVAT for images 1.1, found tracks of CVAT "
                     "for video; export the task as CVAT for images"
                 )
-            if one.tag == "label":
-                if name := one.findtext("name"):
+            if node.tag == "label":
+                if name := node.findtext("name"):
                     classes[name] = None
-            elif one.tag == "image":
-                names.append(relative_path(one.attrib.get("name", ""))[0] or "?")
+            elif node.tag == "image":
+                names.append(relative_path(node.attrib.get("name", ""))[0] or "?")
     return classes, names
 
 
@@ -187,12 +187,12 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
         coming = iter(listed)
         for path in paths:
             labelled = Labelled()
-            for one in _elements(path):
-                if one.tag == "meta":
-                    labelled = _labelled(one)
-                elif one.tag == "image":
+            for node in _elements(path):
+                if node.tag == "meta":
+                    labelled = _labelled(node)
+                elif node.tag == "image":
                     frame = replace(next(coming), labelled=labelled)
-                    read = partial(reading.annotation, one, path.name)
+                    read = partial(reading.annotation, node, path.name)
                     yield frame if frame.problem else annotated(frame, read)
 
     return replace(
@@ -210,11 +210,11 @@ def _labelled(meta: Element) -> Labelled:
     people = (
         name.strip()
         for tag in ("assignee", "owner")
-        for one in meta.iter(tag)
-        if (name := one.findtext("username") or one.text or "").strip()
+        for node in meta.iter(tag)
+        if (name := node.findtext("username") or node.text or "").strip()
     )
     times = (
-        time_of(one.text) for tag in ("updated", "dumped") for one in meta.iter(tag)
+        time_of(node.text) for tag in ("updated", "dumped") for node in meta.iter(tag)
     )
     return Labelled(next(people, None), next(filter(None, times), None))
 
@@ -239,9 +239,9 @@ class _Reading:
     def annotation(self, image: Element, name: str) -> dict[str, object]:
         """The boxes of one image; `name` is that of the file."""
         at = f"{name}, image {image.attrib.get('name', '')[:80]!r}"
-        boxes = [self._box(one, at) for one in image.iter("box")]
+        boxes = [self._box(node, at) for node in image.iter("box")]
         for kind in _OUTLINES:
-            boxes += [self._outline(one, at) for one in image.iter(kind)]
+            boxes += [self._outline(node, at) for node in image.iter(kind)]
         self.counts["other"] += sum(1 for kind in _OTHERS for _ in image.iter(kind))
         annotation: dict[str, object] = {"boxes": boxes}
         sides = [image.attrib.get(key, "") for key in ("width", "height")]
@@ -252,9 +252,9 @@ class _Reading:
             annotation["split"] = subset
         return annotation
 
-    def _box(self, one: Element, at: str) -> dict[str, object]:
+    def _box(self, node: Element, at: str) -> dict[str, object]:
         keys = ("xtl", "ytl", "xbr", "ybr", "rotation")
-        words = [one.attrib.get(key, "" if key != "rotation" else "0") for key in keys]
+        words = [node.attrib.get(key, "" if key != "rotation" else "0") for key in keys]
         *corners, angle = read_columns(words, at)
         if angle:
             self.counts["rotated"] += 1
@@ -269,10 +269,10 @@ class _Reading:
                 *(c - half for c, half in sides),
                 *(c + half for c, half in sides),
             ]
-        return _described(one, corners, at)
+        return _described(node, corners, at)
 
-    def _outline(self, one: Element, at: str) -> dict[str, object]:
-        points = one.attrib.get("points", "").replace(",", ";").split(";")
+    def _outline(self, node: Element, at: str) -> dict[str, object]:
+        points = node.attrib.get("points", "").replace(",", ";").split(";")
         numbers = read_columns(points, at)
         if len(numbers) % 2:
             raise LayoutError(
@@ -280,7 +280,7 @@ class _Reading:
             )
         self.counts["outline"] += 1
         xs, ys = numbers[::2], numbers[1::2]
-        return _described(one, [min(xs), min(ys), max(xs), max(ys)], at)
+        return _described(node, [min(xs), min(ys), max(xs), max(ys)], at)
 
 
 _NOTES: Final = {
@@ -290,20 +290,20 @@ _NOTES: Final = {
 }
 
 
-def _described(one: Element, xyxy: Sequence[float], at: str) -> dict[str, object]:
+def _described(node: Element, xyxy: Sequence[float], at: str) -> dict[str, object]:
     """A box with what its element says; other attributes are kept as they are."""
-    label = one.attrib.get("label", "")
+    label = node.attrib.get("label", "")
     if not label:
-        raise LayoutError(f"{at}: expected the label of a {one.tag}, found none")
+        raise LayoutError(f"{at}: expected the label of a {node.tag}, found none")
     texts = {
-        each.attrib.get("name", ""): each.text or "" for each in one.iter("attribute")
+        each.attrib.get("name", ""): each.text or "" for each in node.iter("attribute")
     }
     box: dict[str, object] = {"class": label, "xyxy": list(xyxy)}
     if texts.keys() >= _OURS:
         box["id"] = texts["id"]
         texts = {name: text for name, text in texts.items() if name not in _OURS}
-    elif one.attrib.get("occluded") in ("0", "1"):
-        box["occluded"] = int(one.attrib["occluded"])
+    elif node.attrib.get("occluded") in ("0", "1"):
+        box["occluded"] = int(node.attrib["occluded"])
     if texts:
         box["attributes"] = texts
     return box
@@ -342,7 +342,7 @@ class CvatWriter:
             width=width,
             height=height,
         )
-        boxes = "".join(_box(one, out.frame.boxes) for one in out.boxes)
+        boxes = "".join(_box(box, out.frame.boxes) for box in out.boxes)
         text = f"  <image{image}>\n{boxes}  </image>\n"
         self._images.write(text.encode("utf-8", "replace"))
 
@@ -379,20 +379,20 @@ class CvatWriter:
 _VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
 
 
-def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
-    verdict = boxes.effective_verdict(one.row)
-    corners = zip(("xtl", "ytl", "xbr", "ybr"), one.xyxy, strict=True)
+def _box(label_box: LabelBox, boxes: DecidedBoxes) -> str:
+    verdict = boxes.effective_verdict(label_box.row)
+    corners = zip(("xtl", "ytl", "xbr", "ybr"), label_box.xyxy, strict=True)
     box = attributes(
-        label=boxes.class_name(one.row),
+        label=boxes.class_name(label_box.row),
         source="auto",
         occluded=int(verdict == "rejected"),
         **{key: number_text(value, most=_DECIMALS) for key, value in corners},
         z_order=0,
     )
     details = {
-        "id": boxes.ids[one.row],
+        "id": boxes.ids[label_box.row],
         "verdict": verdict,
-        "reason": boxes.reason_label(one.row),
+        "reason": boxes.reason_label(label_box.row),
     }
     lines = "".join(
         f"      <attribute{attributes(name=key)}>{escaped(value)}</attribute>\n"

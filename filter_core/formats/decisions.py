@@ -193,7 +193,7 @@ def _decisions(line: Mapping[str, object]) -> Iterator[Mapping[str, object]]:
     decisions = line.get("decisions")
     if not isinstance(decisions, list):
         raise LayoutError(f"expected a list of decisions, found {shown(decisions)}")
-    yield from (one for one in decisions if isinstance(one, dict))
+    yield from (decision for decision in decisions if isinstance(decision, dict))
 
 
 def _annotation(line: Mapping[str, object], without: Counter[str]) -> dict[str, object]:
@@ -203,8 +203,8 @@ def _annotation(line: Mapping[str, object], without: Counter[str]) -> dict[str, 
     }
     boxes = []
     for decision in _decisions(line):
-        given = decision.get("given")
-        geometry = dict(given) if isinstance(given, Mapping) else {}
+        raw = decision.get("given")
+        geometry = dict(raw) if isinstance(raw, Mapping) else {}
         geometry |= {form: decision[form] for form in FORMS_3D if form in decision}
         if not geometry and decision.get("xyxy") is not None:
             geometry = {"xyxy": decision["xyxy"]}
@@ -277,12 +277,16 @@ def _jsonl(
             {**decision, **_given(decision, box)}
             for decision, box in zip(frame.decisions, frame.given.boxes, strict=True)
         ]
-        given = frame.given.frame
+        annotation = frame.given.frame
         # The camera, if all of it is known; else the size of the image
         line = {
             "key": frame.key,
             "palette": frame.palette,
-            **{key: given[key] for key in _OF_FRAME if given.get(key) is not None},
+            **{
+                key: annotation[key]
+                for key in _OF_FRAME
+                if annotation.get(key) is not None
+            },
             **({} if frame.map is None else {"map": frame.map}),
             **({} if frame.sequence is None else {"sequence": frame.sequence}),
             **({} if frame.split is None else {"split": frame.split}),
@@ -429,19 +433,19 @@ def table_columns(
         ],
         "lossy": boxes.lossy.tolist,
         "distance": lambda: floats_or_none(boxes.distance),
-        **{name: partial(floats_or_none, one) for name, one in corners.items()},
+        **{name: partial(floats_or_none, column) for name, column in corners.items()},
         "review": lambda: _named(_ANSWERS, boxes.answer),
         "reviewer": lambda: more.reviewer,
         "comment": lambda: more.comment,
         "config": lambda: [more.config] * len(boxes),
-        **{name: partial(floats_or_none, one) for name, one in ranges.items()},
+        **{name: partial(floats_or_none, column) for name, column in ranges.items()},
     }
 
 
 def _named(
     names: Sequence[object], index: NDArray[np.uint8] | NDArray[np.int32]
 ) -> list[object]:
-    return [names[one] for one in index.tolist()]
+    return [names[place] for place in index.tolist()]
 
 
 _REASONS: Final = [
@@ -514,10 +518,10 @@ def _parquet(
             # Text that can be encoded: half a surrogate pair becomes ``?``.
             columns = {
                 name: [
-                    one.encode("utf-8", "replace").decode()
-                    if isinstance(one, str)
-                    else one
-                    for one in values
+                    value.encode("utf-8", "replace").decode()
+                    if isinstance(value, str)
+                    else value
+                    for value in values
                 ]
                 for name, values in rows.items()
             }

@@ -195,8 +195,8 @@ class ExportOptions:
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
             if getattr(self, name) not in choices:
-                found = repr(getattr(self, name))[:40]
-                raise _bad(name, f"one of {', '.join(choices)}", found)
+                text = repr(getattr(self, name))[:40]
+                raise _bad(name, f"one of {', '.join(choices)}", text)
         self._check_types()
         if not 0 <= self.pictures <= MAX_PICTURES:
             raise _bad("pictures", f"0 to {MAX_PICTURES} frames", f"{self.pictures}")
@@ -226,8 +226,8 @@ class ExportOptions:
     def _check_types(self) -> None:
         for name in ("include_unmeasured", "allow_missing_images", "drawn"):
             if not isinstance(getattr(self, name), bool):
-                found = repr(getattr(self, name))[:40]
-                raise _bad(name, "true or false", found)
+                text = repr(getattr(self, name))[:40]
+                raise _bad(name, "true or false", text)
         pictures = (self.pictures,)
         numbers = {"split": self.split, "bands": self.bands, "pictures": pictures}
         for name, values in numbers.items():
@@ -236,27 +236,29 @@ class ExportOptions:
                     raise _bad(name, "a number", repr(value)[:40])
 
     @classmethod
-    def from_mapping(cls, given: JsonObject) -> ExportOptions:
+    def from_mapping(cls, options: JsonObject) -> ExportOptions:
         """Options by name, as JSON or a command line gives them.
 
         Raises `ExportError`: an unknown option, or a value that is not allowed.
         """
         names = [field.name for field in fields(cls)]
-        for name in given.keys() - set(names):
+        for name in options.keys() - set(names):
             raise _bad("options", f"only {', '.join(names)}", repr(name)[:40])
-        several = {name: given.get(name, ()) for name in ("split", "bands")}
+        several = {name: options.get(name, ()) for name in ("split", "bands")}
         lists = {
             name: tuple(value) if isinstance(value, list | tuple) else (value,)
             for name, value in several.items()
         }
-        made = cls(**{**given, **lists})
+        made = cls(**{**options, **lists})
         return replace(made, bands=tuple(sorted(set(made.bands))))
 
 
 def changed_options(options: Dataclass) -> frozenset[str]:
     """Names of the options of an export that differ from their defaults."""
     return frozenset(
-        one.name for one in fields(options) if getattr(options, one.name) != one.default
+        field.name
+        for field in fields(options)
+        if getattr(options, field.name) != field.default
     )
 
 
@@ -345,7 +347,7 @@ def _bad(name: str, expected: str, found: str) -> ExportError:
     )
 
 
-def _extra(given: Mapping[str, object], known: frozenset[str]) -> dict[str, object]:
-    nested = given.get("extra")
-    unknown = {key: value for key, value in given.items() if key not in known}
+def _extra(raw: Mapping[str, object], known_keys: frozenset[str]) -> dict[str, object]:
+    nested = raw.get("extra")
+    unknown = {key: value for key, value in raw.items() if key not in known_keys}
     return {**(nested if isinstance(nested, Mapping) else {}), **unknown}

@@ -138,14 +138,16 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
         layout="kitti",
         frames=lambda: (
             replace(frame, key=f"{name}/{frame.key}")
-            for name, one in parts.items()
-            for frame in one
+            for name, frames in parts.items()
+            for frame in frames
         ),
-        count=sum(one.count or 0 for one in sets),
-        unmatched=tuple(chain.from_iterable(one.unmatched for one in sets)),
-        notes=lambda: tuple(chain.from_iterable(one.notes() for one in sets)),
-        streams=tuple(chain.from_iterable(one.streams for one in sets)),
-        texts=lambda: chain.from_iterable(one.texts() for one in sets if one.texts),
+        count=sum(frames.count or 0 for frames in sets),
+        unmatched=tuple(chain.from_iterable(frames.unmatched for frames in sets)),
+        notes=lambda: tuple(chain.from_iterable(frames.notes() for frames in sets)),
+        streams=tuple(chain.from_iterable(frames.streams for frames in sets)),
+        texts=lambda: chain.from_iterable(
+            frames.texts() for frames in sets if frames.texts
+        ),
     )
 
 
@@ -358,10 +360,10 @@ def _read_calibration(text: str, name: str, wh: tuple[int, int]) -> Camera:
     Its world is the coordinate system of the labels, in CARLA's axes.
     """
     rows = [line.partition(":") for line in text.splitlines()]
-    found = [value for key, _, value in rows if key.strip() == "P2"]
-    if not found:
+    values = [value for key, _, value in rows if key.strip() == "P2"]
+    if not values:
         raise LayoutError(f"{name}: expected a line 'P2:', found none")
-    numbers = read_columns(found[0].split(), f"{name}, P2")
+    numbers = read_columns(values[0].split(), f"{name}, P2")
     if len(numbers) != 12:
         raise LayoutError(f"{name}, P2: expected 12 numbers, found {len(numbers)}")
     projection = np.array(numbers).reshape(3, 4)
@@ -430,20 +432,20 @@ class KittiWriter:
         assert out.own is not None, "asked for without one"
         self._context.note_own(band)
         types = {
-            one.row: self._types[out.frame.boxes.class_name(one.row)]
-            for one in out.boxes
-            if not one.ignored
+            box.row: self._types[out.frame.boxes.class_name(box.row)]
+            for box in out.boxes
+            if not box.ignored
         }
-        ignored = [_ignored(one.xyxy) for one in out.boxes if one.ignored]
+        ignored = [_ignored(box.xyxy) for box in out.boxes if box.ignored]
         text = out.own.with_words(types)
         end = "" if text.endswith("\n") or not text else "\n"
         return text + end * bool(ignored) + "".join(f"{line}\n" for line in ignored)
 
     def _composed(self, out: OutFrame) -> str:
-        lines = [self._line(one, out.frame) for one in out.boxes]
+        lines = [self._line(box, out.frame) for box in out.boxes]
         # Regions to ignore of the frame as given
-        given = out.frame.given.frame.get("dontcare")
-        rows = given if isinstance(given, list) else []
+        dontcare = out.frame.given.frame.get("dontcare")
+        rows = dontcare if isinstance(dontcare, list) else []
         usable = [
             row
             for row in rows
@@ -460,27 +462,27 @@ class KittiWriter:
         """Which frames are for training."""
         self._context.write_lists("ImageSets")
 
-    def _line(self, one: LabelBox, frame: ExportFrame) -> str:
-        if one.ignored:
-            return _ignored(one.xyxy)
-        box = frame.given.boxes[one.row]
+    def _line(self, label_box: LabelBox, frame: ExportFrame) -> str:
+        if label_box.ignored:
+            return _ignored(label_box.xyxy)
+        box = frame.given.boxes[label_box.row]
         original = box.get("kitti")
         original = original if isinstance(original, Mapping) else {}
         truncated = original.get("truncated")
         if not isinstance(truncated, (int, float)):
-            truncated = one.cut
-        measured = int(frame.boxes.occlusion[one.row])
+            truncated = label_box.cut
+        measured = int(frame.boxes.occlusion[label_box.row])
         levels = (original.get("occluded"), box.get("occluded"), measured)
-        known = (
+        valid_levels = (
             int(level)
             for level in levels
             if isinstance(level, int) and 0 <= level <= _UNKNOWN_OCCLUSION
         )
-        occluded = next(known, _UNKNOWN_OCCLUSION)
-        alpha, box3d = _columns_3d(one, frame, original)
-        columns = (alpha, *one.xyxy, *box3d)
+        occluded = next(valid_levels, _UNKNOWN_OCCLUSION)
+        alpha, box3d = _columns_3d(label_box, frame, original)
+        columns = (alpha, *label_box.xyxy, *box3d)
         first = (
-            self._types[frame.boxes.class_name(one.row)],
+            self._types[frame.boxes.class_name(label_box.row)],
             number_text(float(truncated)),
             str(occluded),
         )
@@ -537,29 +539,29 @@ _UNKNOWN_OCCLUSION: Final = 3
 
 
 def _columns_3d(
-    one: LabelBox, frame: ExportFrame, given: Mapping[str, object]
+    box: LabelBox, frame: ExportFrame, original: Mapping[str, object]
 ) -> tuple[float, Sequence[float]]:
     """Alpha and the seven 3D columns."""
     camera = frame.given.camera
     if camera is not None:
-        vertices = frame.given.vertices[one.row]
+        vertices = frame.given.vertices[box.row]
         if not np.isnan(vertices[0, 0]):
             dimensions, location, rotation_y, alpha = to_kitti_box(vertices, camera)
             return alpha, (*dimensions, *location, rotation_y)
-    numbers = [*_numbers(given, "dimensions"), *_numbers(given, "location")]
-    rotation, heading = given.get("rotation_y"), given.get("alpha")
+    numbers = [*_numbers(original, "dimensions"), *_numbers(original, "location")]
+    rotation, heading = original.get("rotation_y"), original.get("alpha")
     alpha = float(heading) if isinstance(heading, (int, float)) else _NO_ALPHA
     if len(numbers) == 6 and isinstance(rotation, (int, float)):
         return alpha, (*numbers, float(rotation))
     return alpha, _NO_BOX
 
 
-def _numbers(given: Mapping[str, object], key: str) -> list[float]:
+def _numbers(original: Mapping[str, object], key: str) -> list[float]:
     """The three numbers of a list; fewer if it has anything else."""
-    value = given.get(key)
+    value = original.get(key)
     if not isinstance(value, list) or len(value) != 3:
         return []
-    return [float(one) for one in value if isinstance(one, (int, float))]
+    return [float(number) for number in value if isinstance(number, (int, float))]
 
 
 _BOTTOM: Final = [0, 2, 4, 6]

@@ -157,7 +157,7 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
                 place = replace(item, value=None)
                 tasks.append(_Task(path, place, own, image, labelled))
     listed = listed_frames(
-        folder, options, [(one.key, one.image) for one in tasks], "task"
+        folder, options, [(task.key, task.image) for task in tasks], "task"
     )
     reading = _Reading(options.default_class)
 
@@ -217,22 +217,28 @@ def _chosen(task: Mapping[str, object]) -> tuple[Mapping[str, object], bool] | N
     """The labelling of a task that counts, and whether it is an annotation."""
     labellings = task.get("annotations", task.get("completions"))
     annotations = [
-        one
-        for one in map(_mapping, _list(labellings))
-        if not one.get("was_cancelled") and not one.get("skipped")
+        labelling
+        for labelling in map(_mapping, _list(labellings))
+        if not labelling.get("was_cancelled") and not labelling.get("skipped")
     ]
     if annotations:
         best = max(
             enumerate(annotations),
-            key=lambda one: (
-                one[1].get("ground_truth") is True,
+            key=lambda numbered: (
+                numbered[1].get("ground_truth") is True,
                 # Texts in ISO 8601 have the order of their times.
-                str(one[1].get("updated_at") or one[1].get("created_at") or ""),
-                one[0],
+                str(
+                    numbered[1].get("updated_at") or numbered[1].get("created_at") or ""
+                ),
+                numbered[0],
             ),
         )
         return best[1], True
-    predictions = [one for one in map(_mapping, _list(task.get("predictions"))) if one]
+    predictions = [
+        prediction
+        for prediction in map(_mapping, _list(task.get("predictions")))
+        if prediction
+    ]
     return (predictions[-1], False) if predictions else None
 
 
@@ -291,7 +297,7 @@ class _Reading:
         chosen = _chosen(document)
         labelling, is_annotation = chosen or ({}, True)
         self.counts["prediction"] += not is_annotation
-        regions = [_mapping(one) for one in _list(labelling.get("result"))]
+        regions = [_mapping(region) for region in _list(labelling.get("result"))]
         # By the id of the region, of which they may be a result of their own
         labels = {
             region["id"]: label
@@ -360,7 +366,9 @@ def _label(value: Mapping[str, object]) -> str | None:
 def _size(region: Mapping[str, object]) -> dict[str, int]:
     """Width and height of the image in px, if the region has them."""
     sides = [region.get(f"original_{side}") for side in ("width", "height")]
-    width, height = (one if isinstance(one, int) and one > 0 else 0 for one in sides)
+    width, height = (
+        side if isinstance(side, int) and side > 0 else 0 for side in sides
+    )
     return {"width": width, "height": height} if width and height else {}
 
 
@@ -461,8 +469,8 @@ class LabelStudioWriter:
 
     def _prediction(self, chosen: LabelBoxes, frame: ExportFrame) -> dict[str, object]:
         digest = self._context.head.facts.get("config")
-        found = (_score(row, frame) for row in chosen.row.tolist())
-        scores = [score for score in found if score is not None]
+        all_scores = (_score(row, frame) for row in chosen.row.tolist())
+        scores = [score for score in all_scores if score is not None]
         return {
             "model_version": f"unghost-{str(digest)[:12]}" if digest else "unghost",
             "score": min(scores, default=None),
@@ -473,8 +481,8 @@ class LabelStudioWriter:
 def _regions(chosen: LabelBoxes, frame: ExportFrame) -> list[dict[str, object]]:
     boxes, (width, height) = frame.boxes, frame.wh
     regions = []
-    for one in chosen:
-        row, (x_min, y_min, x_max, y_max) = one.row, one.xyxy
+    for box in chosen:
+        row, (x_min, y_min, x_max, y_max) = box.row, box.xyxy
         score = _score(row, frame)
         verdict, reason = boxes.effective_verdict(row), boxes.reason_label(row)
         region: dict[str, object] = {

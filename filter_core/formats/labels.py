@@ -231,8 +231,8 @@ def _sampled(
     with suppress(OSError):  # reported when the frames are used, as all faults are
         for frame in islice(frames.frames(), _SAMPLE):
             with suppress(FilterError):
-                given = frame.annotation or {}
-                for box in parse_annotation(given, frame=frame.key).boxes:
+                annotation = frame.annotation or {}
+                for box in parse_annotation(annotation, frame=frame.key).boxes:
                     if box.form in FORMS:
                         by_form[box.form].append((box.values, frame))
     return by_form
@@ -248,10 +248,10 @@ class _Sizes:
     def wh(self) -> FloatArray:
         """(N, 2) px: width and height of the image of each box; NaN: unknown."""
         by_key = {frame.key: frame for frame in self._frames}
-        known = {
+        size_by_key = {
             key: frame_size(frame) or (np.nan, np.nan) for key, frame in by_key.items()
         }
-        return np.array([known[frame.key] for frame in self._frames], np.float64)
+        return np.array([size_by_key[frame.key] for frame in self._frames], np.float64)
 
     @property
     def is_known(self) -> BoolArray:
@@ -272,10 +272,10 @@ def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
     are_many = len(values) >= _FEWEST_WHOLE
     if is_whole and not are_many:
         return None
-    known = sizes.wh[sizes.is_known]
+    wh = sizes.wh[sizes.is_known]
     is_percent = are_many
-    if known.size:
-        is_percent = bool(known.min() >= _LEAST_SIDES[are_many])
+    if wh.size:
+        is_percent = bool(wh.min() >= _LEAST_SIDES[are_many])
     return "percent" if is_percent else None
 
 

@@ -94,8 +94,8 @@ def manifest_of(source: Path) -> Path | None:
     if path.is_file():
         return path
     names = [name for name in walk(source, (".jsonl",)) if last_name(name) != KEYS_NAME]
-    found = manifests_below(source) or names
-    return source / found[0] if len(found) == 1 else None
+    manifests = manifests_below(source) or names
+    return source / manifests[0] if len(manifests) == 1 else None
 
 
 FRAME_FILES: Final = (
@@ -155,20 +155,20 @@ class _Folders:
     segmentation: Path
     allowed: tuple[Path, ...] | None
 
-    def file(self, kind: str, given: object, at: str) -> Path:
+    def file(self, kind: str, text: object, at: str) -> Path:
         """The path of one of `FRAME_FILES` as a line gives it; `at` is that line."""
-        if not isinstance(given, str) or not given:
-            raise LayoutError(f"{at}, {kind}: expected a path, found {shown(given)}")
+        if not isinstance(text, str) or not text:
+            raise LayoutError(f"{at}, {kind}: expected a path, found {shown(text)}")
         folder = self.segmentation if kind == "segmentation" else self.manifest
         # A path as a line gives it, which may have been written on Windows
-        path = folder / given
-        if "\\" in given and not path.exists():
-            path = folder / given.replace("\\", "/")
+        path = folder / text
+        if "\\" in text and not path.exists():
+            path = folder / text.replace("\\", "/")
         if self.allowed is None or is_inside(path, self.allowed):
             return path
         raise LayoutError(
             f"{at}, {kind}: expected a file in the manifest's folder, found "
-            f"{shown(given)}, {_OUTSIDE}"
+            f"{shown(text)}, {_OUTSIDE}"
         )
 
 
@@ -211,8 +211,8 @@ def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
         raw = read_json(line.rstrip(), halves=True)
     except JsonError as exc:
         # The JSON is one line, so its own "line 1" is replaced by the line of the file.
-        found = exc.found.replace("line 1, ", "", 1)
-        return _problem(at, "one JSON object", found)
+        text = exc.found.replace("line 1, ", "", 1)
+        return _problem(at, "one JSON object", text)
     if not isinstance(raw, dict):
         return _problem(at, "one JSON object", shown(raw))
     key = raw.pop("key", None)
@@ -220,9 +220,9 @@ def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
         return _problem(at, f'"key" of 1 to {MAX_KEY} characters', shown(key))
     try:
         files = {
-            kind: folders.file(kind, given, at)
+            kind: folders.file(kind, value, at)
             for kind in FRAME_FILES
-            if (given := raw.pop(kind, None)) is not None
+            if (value := raw.pop(kind, None)) is not None
         }
         points = _plain_points(raw, at, folders)
     except LayoutError as exc:
@@ -287,15 +287,15 @@ class ManifestWriter:
         """One line."""
         frame = out.frame
         copied = self._context.options.images == "copy" and frame.read_image is not None
-        given, ids = frame.given, frame.boxes.ids
-        known = {key: v for key, v in given.frame.items() if key not in _OURS}
+        annotation, ids = frame.given, frame.boxes.ids
+        kept = {key: v for key, v in annotation.frame.items() if key not in _OURS}
         # A box without an id is identified by its position, which can change.
         rows = out.boxes.row.tolist()
-        boxes = [{"id": ids[row], **given.boxes[row]} for row in rows]
+        boxes = [{"id": ids[row], **annotation.boxes[row]} for row in rows]
         line = {
             "key": frame.key,
             **({"image": out.image} if copied else {}),
-            **known,
+            **kept,
             "boxes": boxes,
         }
         self._lines.write(json_bytes(line, by_key=True) + b"\n")

@@ -65,9 +65,15 @@ class FrameNames:
     def __init__(self, frames: Iterable[FrameFileNames]) -> None:
         self._text = bytearray()
         self._ends = array("Q", [0])
-        for one in frames:
-            names = [one.key, one.label, one.image or "", one.map or "", one.part or ""]
-            for role, path in one.files.items():
+        for frame in frames:
+            names = [
+                frame.key,
+                frame.label,
+                frame.image or "",
+                frame.map or "",
+                frame.part or "",
+            ]
+            for role, path in frame.files.items():
                 names += (role, str(path))
             text = _END.join([name.replace(_END, "\ufffd") for name in names])
             self._text += text.encode("utf-8", "surrogatepass")
@@ -167,8 +173,8 @@ class FileIndex:
     def __iter__(self) -> Iterator[tuple[str, str]]:
         places: Sequence[int] = range(len(self._files))
         keys = map(self._key_of, self._files)
-        if any(one > other for one, other in pairwise(keys)):
-            places = sorted(places, key=lambda one: self._key_of(self._files[one]))
+        if any(key > other for key, other in pairwise(keys)):
+            places = sorted(places, key=lambda place: self._key_of(self._files[place]))
         for place in places:
             if place not in self._first_of:
                 yield self._key_of(self._files[place]), self._files[place]
@@ -207,7 +213,9 @@ class FileIndex:
             places = self._places(self._keys_of_base(last_name(key))[0])
         if len(places) > 1 and named and (name := named()):
             suffix = PurePosixPath(name).suffix.lower()
-            alike = [one for one in places if self._files[one].lower().endswith(suffix)]
+            alike = [
+                place for place in places if self._files[place].lower().endswith(suffix)
+            ]
             places = alike or places
         return self._use(places[0]) if places else None
 
@@ -223,14 +231,20 @@ class FileIndex:
         if not places:
             keys = self._keys_of_base(last_name(key))
             parts = key.split("/")
-            common = [common_end(one.split("/"), parts) for one in keys]
+            common = [common_end(candidate.split("/"), parts) for candidate in keys]
             longest = max(common, default=0)
-            keys = [one for one, n in zip(keys, common, strict=True) if n == longest]
+            keys = [
+                candidate
+                for candidate, n in zip(keys, common, strict=True)
+                if n == longest
+            ]
             if len(keys) != 1 or longest < least:
                 return None
             places = self._places(keys[0])
         suffix = PurePosixPath(name).suffix.lower()
-        alike = [one for one in places if self._files[one].lower().endswith(suffix)]
+        alike = [
+            place for place in places if self._files[place].lower().endswith(suffix)
+        ]
         return self._use((alike or places)[0])
 
     def _keys_of_base(self, base: str) -> list[str]:
@@ -301,27 +315,29 @@ def with_keys(
     keys: set[str] = set()
     for at, line in _lines(path):
         file, key, town = line.get("file"), line.get("key"), line.get("map")
-        found, part = str(line)[:60], line.get("part")
+        text, part = str(line)[:60], line.get("part")
         if not isinstance(file, str) or not isinstance(key, str):
-            raise LayoutError(f"{at}: expected file and key, found {found}")
+            raise LayoutError(f"{at}: expected file and key, found {text}")
         is_known = isinstance(part, str | None) and 0 < len(key) <= MAX_KEY
         if not is_known or not isinstance(town, str | None):
-            raise LayoutError(f"{at}: expected a key and a map, found {found}")
+            raise LayoutError(f"{at}: expected a key and a map, found {text}")
         name = frame_key(file)
         if name in named or key in keys:
             raise LayoutError(
-                f"{at}: expected each file and key once, found {found} again"
+                f"{at}: expected each file and key once, found {text} again"
             )
         keys.add(key)
         named[name] = key, town, part if isinstance(part, str) else None
     renamed = (
-        replace(one, key=key, map=town or one.map, part=part)
-        for one in frames
+        replace(frame, key=key, map=town or frame.map, part=part)
+        for frame in frames
         for key, town, part in [
-            named.get(f"{images}{one.key}", (one.key, one.map, one.part))
+            named.get(f"{images}{frame.key}", (frame.key, frame.map, frame.part))
         ]
     )
-    return FrameNames(sorted(renamed, key=lambda one: one.key) if ordered else renamed)
+    return FrameNames(
+        sorted(renamed, key=lambda frame: frame.key) if ordered else renamed
+    )
 
 
 def frame_of(

@@ -104,7 +104,7 @@ def read_nuscenes(root: Path, options: RecordingDescription) -> FrameSet:
     ]
     completed, left_over = streams.complete(incomplete, "key frame")
     pairs = zip(completed, rows, strict=True)
-    frames: list[_Frame] = sorted(pairs, key=lambda one: one[0].key)
+    frames: list[_Frame] = sorted(pairs, key=lambda pair: pair[0].key)
 
     def read() -> Iterator[FrameSource]:
         for files, row in frames:

@@ -74,15 +74,16 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     annotations = FileIndex(names((".json",)))
     pictures = [FrameFileNames(key, "", image) for key, image in images]
     files, left_over = streams.complete(
-        pictures or sorted(streams.without_pictures(), key=lambda one: one.key), "image"
+        pictures or sorted(streams.without_pictures(), key=lambda frame: frame.key),
+        "image",
     )
     frames = []
-    for one in files:
-        alone = images.is_only_base(one.key)
-        annotation = annotations.take(one.key, by_base=alone)
-        if annotation is None and one.image is None:
-            annotation = annotations.take(frame_key(one.label))
-        frame = replace(frame_of(one, root), label=None)
+    for file_names in files:
+        alone = images.is_only_base(file_names.key)
+        annotation = annotations.take(file_names.key, by_base=alone)
+        if annotation is None and file_names.image is None:
+            annotation = annotations.take(frame_key(file_names.label))
+        frame = replace(frame_of(file_names, root), label=None)
         if annotation is None:
             frame = replace(frame, annotation={**(frame.annotation or {}), "boxes": []})
         frames.append((frame, annotation))
@@ -125,7 +126,7 @@ def _by_patterns(root: Path, options: RecordingDescription) -> FrameSet:
         layout="pairs",
         frames=lambda: _read_frames(root, frames),
         count=len(frames),
-        unmatched=tuple(one for one in unmatched if one.path not in used),
+        unmatched=tuple(file for file in unmatched if file.path not in used),
     )
 
 

@@ -24,13 +24,13 @@ def plugin_entries() -> Sequence[EntryPoint]:
     from importlib.metadata import entry_points
 
     return sorted(
-        entry_points(group=GROUP), key=lambda one: (one.name, package_of(one))
+        entry_points(group=GROUP), key=lambda entry: (entry.name, package_of(entry))
     )
 
 
 def plugin_names() -> tuple[str, ...]:
     """The names of the formats of installed packages, also of those with a fault."""
-    return tuple(dict.fromkeys(one.name for one in plugin_entries()))
+    return tuple(dict.fromkeys(entry.name for entry in plugin_entries()))
 
 
 def package_of(entry: EntryPoint) -> str:

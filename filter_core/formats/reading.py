@@ -362,7 +362,7 @@ def common_end(some: Sequence[str], others: Sequence[str]) -> int:
     """How many names at the end of two paths are the same."""
     pairs = zip(reversed(some), reversed(others), strict=False)
     return next(
-        (place for place, (one, other) in enumerate(pairs) if one != other),
+        (place for place, (name, other) in enumerate(pairs) if name != other),
         min(len(some), len(others)),
     )
 
@@ -442,11 +442,11 @@ def is_label(root: Path, name: str) -> bool:
 
 
 def has_rows(path: Path) -> bool:
-    """Whether a text file may hold boxes, by its content: it is empty, or its first row
-    has four columns or more, most of which are numbers.
+    """Whether a text file may hold boxes, by its content.
 
-    Notes and lists of names do not. A file that cannot be read may: its frame is to
-    have the error. So may rows with a mistake in them.
+    It may if it is empty, or its first row has four columns or more, most of which are
+    numbers. Notes and lists of names do not. A file that cannot be read may: its frame
+    is to have the error. So may rows with a mistake in them.
     """
     try:
         with open_regular(path) as file:

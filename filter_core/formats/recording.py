@@ -113,10 +113,12 @@ class ClassNames:
         Of names by number, the numbers between them are called as they are.
         """
         if isinstance(value, Mapping) and value:
-            numbers = [int(one) if str(one).isdecimal() else -1 for one in value]
+            numbers = [int(key) if str(key).isdecimal() else -1 for key in value]
             if min(numbers) >= 0 and max(numbers) < _MAX_NAMES:
                 names = dict(zip(numbers, value.values(), strict=True))
-                value = [names.get(one, str(one)) for one in range(max(numbers) + 1)]
+                value = [
+                    names.get(number, str(number)) for number in range(max(numbers) + 1)
+                ]
         if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_NAMES:
             raise wrong_value(name, value, self, at)
         class_name = AllowedName("a class name")
@@ -159,9 +161,9 @@ class ClassMap:
         if not isinstance(value, Mapping):
             raise wrong_value(name, value, self, at)
         name_of_class = AllowedName("a class name")
-        for given, options in value.items():
+        for class_name, options in value.items():
             if isinstance(options, Mapping) and NAME in options:
-                place = f"{at}/{name}/{pointer_token(given)}"
+                place = f"{at}/{name}/{pointer_token(class_name)}"
                 name_of_class.checked(NAME, options[NAME], place)
         # Its form is checked here, whatever was given.
         make: Callable[..., DecideConfig] = DecideConfig
@@ -179,14 +181,14 @@ class AllowedCounts:
         return "numbers of files by the path of their folder"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, int]:
-        given = value.items() if isinstance(value, Mapping) else [("", value)]
+        items = value.items() if isinstance(value, Mapping) else [("", value)]
         counts = {
             str(folder): count
-            for folder, count in given
+            for folder, count in items
             if isinstance(count, int) and not isinstance(count, bool) and count > 0
         }
-        if len(counts) < len(given) or not all(
-            0 < len(one) <= _MAX_NAME for one in counts
+        if len(counts) < len(items) or not all(
+            0 < len(folder) <= _MAX_NAME for folder in counts
         ):
             raise wrong_value(name, value, self, at)
         return counts
@@ -408,7 +410,9 @@ class RecordingDescription:
 
         A configuration's own values win over these (`load_config`).
         """
-        keys = {name: one for name, one in self.changed.items() if name in _OF_READING}
+        keys = {
+            name: value for name, value in self.changed.items() if name in _OF_READING
+        }
         classes = measured_classes(self.class_map)
         return {**keys, **({"classes": classes} if classes else {})}
 
@@ -488,7 +492,7 @@ def values_of(document: object) -> dict[str, object]:
     value.
     """
     declared = declared_keys(RecordingDescription)
-    by_place = {one.place or name: name for name, one in declared.items()}
+    by_place = {setting.place or name: name for name, setting in declared.items()}
     values = {}
     for name, section in _section(document, "", by_place):
         is_key = name in by_place
@@ -504,9 +508,9 @@ def values_of(document: object) -> dict[str, object]:
 def description_schema() -> dict[str, object]:
     """The JSON schema of what a description's file holds."""
     sections: dict[str, dict[str, object]] = {"": {}}
-    for name, one in declared_keys(RecordingDescription).items():
-        section, _, last = (one.place or name).rpartition(".")
-        schema = {**one.allowed.schema(), "description": one.sentence}
+    for name, setting in declared_keys(RecordingDescription).items():
+        section, _, last = (setting.place or name).rpartition(".")
+        schema = {**setting.allowed.schema(), "description": setting.sentence}
         sections.setdefault(section, {})[last] = schema
     top = sections.pop("")
     below = {name: object_schema(keys) for name, keys in sections.items()}
@@ -584,16 +588,16 @@ def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:
         ) from exc
     for name in RecordingDescription._FOLDERS:
         if name in values:
-            found, there = shown(values[name]), folder / str(values[name])
+            text, there = shown(values[name]), folder / str(values[name])
             place = f"{path.name}: {place_in_file(name)}"
             if not there.exists():
                 raise LayoutError(
-                    f"{place}: expected a folder, found none named {found}"
+                    f"{place}: expected a folder, found none named {text}"
                 )
             if not is_named and not is_inside(there, real_paths(folder)):
                 raise LayoutError(
                     f"{place}: expected a folder in that of the recording, found "
-                    f"{found}; --recording FILE names a description that you trust"
+                    f"{text}; --recording FILE names a description that you trust"
                 )
             values[name] = there
     return values

@@ -73,8 +73,8 @@ from filter_core.formats.yolo import YOLO, NoClassList, lacking_class_list
 from filter_core.values import nearest
 
 FORMATS: Final[Mapping[str, Format]] = {
-    one.name: one
-    for one in (
+    file_format.name: file_format
+    for file_format in (
         YOLO,
         COCO,
         KITTI,
@@ -93,7 +93,9 @@ FORMATS: Final[Mapping[str, Format]] = {
 }
 """By name, in the order in which they are offered."""
 
-EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write)
+EXPORT_FORMATS: Final = tuple(
+    name for name, file_format in FORMATS.items() if file_format.write
+)
 """The formats that `write_export` can write."""
 
 UNUSED_OPTION: Final = "unused_option"
@@ -168,7 +170,9 @@ def declared_format(declared: object) -> Format:
     """
     if isinstance(declared, ModuleType):
         named = vars(declared).values()
-        formats = list(dict.fromkeys(one for one in named if isinstance(one, Format)))
+        formats = list(
+            dict.fromkeys(value for value in named if isinstance(value, Format))
+        )
         if len(formats) == 1:
             return formats[0]
         raise LayoutError(
@@ -191,25 +195,25 @@ def layout_format(name: str) -> Format:
     for plugin, fault in plugins().faults:
         if plugin == name:
             raise LayoutError(fault)
-    known = (*LAYOUTS, *plugins().formats)
+    names = (*LAYOUTS, *plugins().formats)
     raise LayoutError(
-        f"unknown layout {name[:40]!r}; the nearest is {nearest(name, known)!r}"
+        f"unknown layout {name[:40]!r}; the nearest is {nearest(name, names)!r}"
     )
 
 
 @contextmanager
-def _blaming_plugin(one: Format) -> Iterator[None]:
+def _blaming_plugin(file_format: Format) -> Iterator[None]:
     """Makes an error that a plug-in should not raise one that names its package."""
     try:
         yield
     except FilterError:
         raise
     except Exception as exc:
-        if one.name in FORMATS:
+        if file_format.name in FORMATS:
             raise
-        package = plugins().packages[one.name]
+        package = plugins().packages[file_format.name]
         raise LayoutError(
-            f"the plug-in {one.name!r} of the package {package} fails with "
+            f"the plug-in {file_format.name!r} of the package {package} fails with "
             f"{_as_words(exc)}; `layout` in recording.yaml names another layout"
         ) from exc
 
@@ -350,8 +354,10 @@ def detect_layout(source: Path, description: RecordingDescription | None = None)
             f"{name_of(source)}: expected a folder or a manifest, found a ZIP archive; "
             "unpack it first"
         )
-    tried = (one for one in _in_order_of_trial() if one.recognise)
-    *first, last = (one.recognised_by for one in tried)
+    tried = (
+        file_format for file_format in _in_order_of_trial() if file_format.recognise
+    )
+    *first, last = (file_format.recognised_by for file_format in tried)
     examined = Source(source, (description or RecordingDescription()).files)
     lacking = lacking_class_list(examined)
     problem = f"no layout recognised; expected {', '.join(first)}, or {last}"
@@ -379,13 +385,15 @@ def _recognised(
     examined = Source(source, description.files)
     candidates: list[str] = []
     fallbacks: list[str] = []
-    for one in _in_order_of_trial():
-        with _blaming_plugin(one):
-            recognition = one.recognise(examined) if one.recognise else "none"
+    for file_format in _in_order_of_trial():
+        with _blaming_plugin(file_format):
+            recognition = (
+                file_format.recognise(examined) if file_format.recognise else "none"
+            )
         if recognition == "fallback":
-            fallbacks.append(one.name)
+            fallbacks.append(file_format.name)
         elif recognition != "none":
-            candidates.append(one.name)
+            candidates.append(file_format.name)
         if recognition == "certain":
             break
     return candidates, fallbacks

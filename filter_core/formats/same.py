@@ -121,7 +121,7 @@ def with_labels(frame: FrameSource, layout: str) -> dict[str, object]:
         stored["image_id"] = origin.image_id
         # Those of the frame's boxes; with what is beside, all of the file
         boxes, every = annotation.get("boxes"), origin.categories or {}
-        own = {one.get("class") for one in boxes} if isinstance(boxes, list) else set()
+        own = {box.get("class") for box in boxes} if isinstance(boxes, list) else set()
         names = every.keys() & (own if origin.beside is None else every.keys())
         stored["categories"] = {name: every[name] for name in sorted(names)}
         return {**annotation, SOURCE_LABELS: stored}
@@ -140,9 +140,9 @@ def with_labels(frame: FrameSource, layout: str) -> dict[str, object]:
     return {**annotation, SOURCE_LABELS: stored}
 
 
-def stored_labels(given: GivenAnnotation, name: str) -> Mapping[str, object]:
+def stored_labels(annotation: GivenAnnotation, name: str) -> Mapping[str, object]:
     """What an annotation has under `SOURCE_LABELS` of this format; else empty."""
-    stored = given.frame.get(SOURCE_LABELS) if given.may_be_of(name) else None
+    stored = annotation.frame.get(SOURCE_LABELS) if annotation.may_be_of(name) else None
     if isinstance(stored, Mapping) and stored.get("format") == name:
         return stored
     return {}
@@ -158,14 +158,14 @@ def joined_beside(values: Iterable[object]) -> dict[str, object]:
         for key, value in beside.items() if isinstance(beside, Mapping) else ():
             there = joined.setdefault(key, value)
             if isinstance(there, list) and isinstance(value, list):
-                joined[key] = there + [one for one in value if one not in there]
+                joined[key] = there + [item for item in value if item not in there]
     return joined
 
 
 _MOST_FOLDERS: Final = 100
 
 
-def companions(source: Path, found: FrameSet, used: Counter[str]) -> dict[str, int]:
+def companions(source: Path, frames: FrameSet, used: Counter[str]) -> dict[str, int]:
     """How many files of each folder of a recording are of no frame.
 
     By path relative to `source`, sorted; of many folders, those above them.
@@ -174,15 +174,15 @@ def companions(source: Path, found: FrameSet, used: Counter[str]) -> dict[str, i
     ----------
     source : Path
         The recording. A file has no companions.
-    found : FrameSet
+    frames : FrameSet
         Empty for frames of a plug-in, of which it is not known which texts it has read.
     used : counter
         The number of files of frames, but for those of labels, by the paths of their
         folders (`folder_of`).
     """
-    if found.texts is None:
+    if frames.texts is None:
         return {}
-    used = used + Counter(map(folder_of, found.texts()))
+    used = used + Counter(map(folder_of, frames.texts()))
     left: Counter[tuple[str, ...]] = Counter()
     for folder, _, names in os.walk(source):
         count = len(names) - used[folder] - (RECORDING_NAME in names)
@@ -236,7 +236,7 @@ class OwnLabels:
 
     def with_rows(self, rows: Collection[int]) -> bytes:
         """The file with these boxes, and none of the others."""
-        gone = {one.place for row, one in enumerate(self.spans) if row not in rows}
+        gone = {span.place for row, span in enumerate(self.spans) if row not in rows}
         return b"".join(_pieces(BytesIO(self.content), self.spans, gone))
 
     def with_words(self, words: Mapping[int, str], *, fewest_columns: int = 1) -> str:
@@ -257,14 +257,14 @@ class OwnLabels:
 
 
 def own_labels(
-    given: GivenAnnotation, name: str, reading: OwnReading
+    annotation: GivenAnnotation, name: str, reading: OwnReading
 ) -> OwnLabels | None:
     """The label file that an annotation came from, in the format of this name.
 
     None if there is none, or if it has other boxes than the annotation, which somebody
     may have changed.
     """
-    stored = stored_labels(given, name)
+    stored = stored_labels(annotation, name)
     text, file = stored.get("text"), stored.get("file")
     if not isinstance(text, str) or not isinstance(file, str):
         return None
@@ -275,7 +275,7 @@ def own_labels(
         rectangles = list(reading.rectangles(own))
     except LayoutError:
         return None
-    boxes = given.boxes
+    boxes = annotation.boxes
     if not len(boxes) == len(spans) == len(rectangles):
         return None
     pairs = zip(boxes, rectangles, strict=True)
@@ -413,13 +413,15 @@ class RecordingCopy:
             (path.read_bytes(), self._spans(path)) for path in (file, band)
         )
         gone = Counter(
-            content[one.start : one.end].strip() for one in spans if one.place in places
+            content[span.start : span.end].strip()
+            for span in spans
+            if span.place in places
         )
-        for one in again:
-            text = others[one.start : one.end].strip()
+        for span in again:
+            text = others[span.start : span.end].strip()
             if gone[text] > 0:
                 gone[text] -= 1
-                yield one.place
+                yield span.place
 
     def _spans(self, path: Path) -> Iterator[BoxSpan]:
         with open_regular(path) as file:

@@ -108,7 +108,9 @@ def without_part(key: str, part: str | None) -> str:
 def in_order_of_roles(names: Iterable[str]) -> list[str]:
     """Names of parts, each once: for training, validation, testing, then others."""
     roles = (*PARTS, None)
-    return sorted(dict.fromkeys(names), key=lambda one: roles.index(role_of_part(one)))
+    return sorted(
+        dict.fromkeys(names), key=lambda name: roles.index(role_of_part(name))
+    )
 
 
 def completed_parts(names: Iterable[str]) -> list[str]:
@@ -123,8 +125,10 @@ def completed_parts(names: Iterable[str]) -> list[str]:
 
 @lru_cache(4096)
 def part_of_folder(folder: str) -> str | None:
-    """The name of a part in the path of a folder: the first that is one as a whole,
-    else the first that begins or ends like one."""
+    """The name of a part in the path of a folder.
+
+    The first that is one as a whole, else the first that begins or ends like one.
+    """
     names = [name for name in folder.split("/") if _word_of(name)]
     whole = (name for name in names if _SPLIT.fullmatch(name))
     return next(whole, names[0] if names else None)
@@ -254,13 +258,15 @@ class RecordedSplits:
                 names = parts.setdefault(f"{folder}/", set())
                 names.add(name if is_whole and name else part)
         folders = [
-            (folder, one.pop()) for folder, one in parts.items() if len(one) == 1
+            (folder, names.pop()) for folder, names in parts.items() if len(names) == 1
         ]
-        return sorted(folders, key=lambda one: -len(one[0]))
+        return sorted(folders, key=lambda pair: -len(pair[0]))
 
     def _end_there(self, entry: str, is_there: Callable[[Path], bool]) -> str | None:
-        """The longest end of a path, perhaps one of another machine, that is in the
-        recording."""
+        """The longest end of a path that is in the recording.
+
+        The path is perhaps one of another machine.
+        """
         parts = _parts_of(entry)
         for start in range(len(parts)):
             end = "/".join(parts[start:])
@@ -372,7 +378,9 @@ def lists_below(root: Path) -> Iterator[str]:
     for path in sorted((root / "ImageSets").rglob("*.txt")):
         if _SPLIT.fullmatch(path.stem):
             sets.setdefault(path.parent, []).append(path)
-    chosen = min(sets, key=lambda one: (one.name != "Main", str(one)), default=None)
+    chosen = min(
+        sets, key=lambda folder: (folder.name != "Main", str(folder)), default=None
+    )
     for path in sets.get(chosen, ()) if chosen else ():
         yield path.relative_to(root).as_posix()
     for path in sorted(root.glob("*.txt")):

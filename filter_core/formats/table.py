@@ -89,7 +89,9 @@ def _recognise(source: Source) -> Recognition:
         return "none"
     names = (name for name in source.names(None) if table_suffix(name))
     looked_at = islice(names, _LOOKED_AT)
-    return "fallback" if any(_is_of_boxes(root / one) for one in looked_at) else "none"
+    return (
+        "fallback" if any(_is_of_boxes(root / name) for name in looked_at) else "none"
+    )
 
 
 def _is_of_boxes(path: Path) -> bool:
@@ -112,7 +114,7 @@ def _first_rows(document: object, reader: BoxReader) -> Iterator[object]:
     pairs = document if isinstance(document, Lines) else reader.frames_in(document, "")
     for _, row in pairs:
         if reader.holds_boxes(row.value) and not (is_list and row.value is document):
-            yield from (one.value for _, one in reader.boxes_in(row.value, ""))
+            yield from (box.value for _, box in reader.boxes_in(row.value, ""))
         else:
             yield row.value
 
@@ -129,29 +131,29 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
         options.fields, options.classes or (), options.default_class, options.corners
     )
     if options.key or LABELS in options.files.roles:
-        found = _by_patterns(root, options)
+        listing = _by_patterns(root, options)
     else:
-        found = _by_names(root, source, options)
-    names = _FrameNames(found.frames)
+        listing = _by_names(root, source, options)
+    names = _FrameNames(listing.frames)
     # The files with the labels of many frames, and those that are something else
     tables, errors = [], []
-    for name, values in found.tables.items():
+    for name, values in listing.tables.items():
         try:
-            tables.append(_Table(found.folder / name, name, values, reader, names))
+            tables.append(_Table(listing.folder / name, name, values, reader, names))
         except LayoutError as exc:
             errors.append((name, exc))
     if errors and not tables:
         raise errors[0][1]
     strange = [Unmatched(name, error.detail) for name, error in errors]
-    shares = Counter(one.files.label for one in found.frames if one.files.label)
+    shares = Counter(frame.files.label for frame in listing.frames if frame.files.label)
     labels = _Labels(reader, Cameras(root, options.cameras), tables, shares, options)
-    of_rows = (one for each in tables for one in each.unmatched)
-    unmatched = (*found.unmatched, *strange, *of_rows)
+    of_rows = (row for each in tables for row in each.unmatched)
+    unmatched = (*listing.unmatched, *strange, *of_rows)
 
     def frames() -> Iterator[FrameSource]:
         reader.left_out = 0
-        for index, frame in enumerate(found.frames):
-            read = partial(labels.annotation, index, frame, found.folder)
+        for index, frame in enumerate(listing.frames):
+            read = partial(labels.annotation, index, frame, listing.folder)
             own = replace(frame_of(frame.files, root), label=None)
             yield annotated(own, partial(read, own))
 
@@ -164,10 +166,10 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
     return FrameSet(
         layout="table",
         frames=frames,
-        count=len(found.frames),
+        count=len(listing.frames),
         unmatched=unmatched,
-        notes=lambda: (*found.notes, *([left_out()] if reader.left_out else [])),
-        streams=found.streams,
+        notes=lambda: (*listing.notes, *([left_out()] if reader.left_out else [])),
+        streams=listing.streams,
     )
 
 
@@ -200,18 +202,22 @@ def _by_patterns(root: Path, options: RecordingDescription) -> _Found:
     tables = matched.labels if is_of_many else {}
     if LABELS in roles:
         has_labels = [
-            bool(one.files.label)
-            or any(values.items() <= one.values.items() for values in tables.values())
-            for one in frames
+            bool(frame.files.label)
+            or any(values.items() <= frame.values.items() for values in tables.values())
+            for frame in frames
         ]
         unmatched += (
-            Unmatched(one.files.image or one.files.key, "no label file for this image")
-            for one, has in zip(frames, has_labels, strict=True)
+            Unmatched(
+                frame.files.image or frame.files.key, "no label file for this image"
+            )
+            for frame, has in zip(frames, has_labels, strict=True)
             if not has
         )
         frames = [*compress(frames, has_labels)]
     if is_of_many:
-        frames = [one._replace(files=replace(one.files, label="")) for one in frames]
+        frames = [
+            frame._replace(files=replace(frame.files, label="")) for frame in frames
+        ]
     return _Found(frames, root, tables, tuple(unmatched))
 
 
@@ -226,7 +232,7 @@ def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found
         for name in options.files.walk(root, folder, None)
         if table_suffix(name)
         and last_name(name) != KEYS_NAME
-        and not any(one.match(name) is not None for one in cameras)
+        and not any(camera.match(name) is not None for camera in cameras)
     ]
     if source.is_file():
         tables = [source.name]
@@ -252,9 +258,9 @@ def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found
     return _Found(
         [
             PatternFrame(
-                one, {FRAME: last_name(one.key), **streams.values_of(one.image)}
+                frame, {FRAME: last_name(frame.key), **streams.values_of(frame.image)}
             )
-            for one in completed
+            for frame in completed
         ],
         folder,
         {name: {} for name in tables} if are_of_many else {},
@@ -282,7 +288,9 @@ class _FrameNames:
         for index, (files, values) in enumerate(frames):
             image = files.image or ""
             names = (files.key, values[FRAME], image, last_name(image))
-            for name in dict.fromkeys((*names, *(split_name(one)[0] for one in names))):
+            for name in dict.fromkeys(
+                (*names, *(split_name(text)[0] for text in names))
+            ):
                 self._exact.setdefault(name, []).append(index)
             self._plain.setdefault(plain(values[FRAME]), []).append(index)
             numbers = _NUMBER.findall(last_name(values[FRAME]))
@@ -294,20 +302,24 @@ class _FrameNames:
         path = name.replace("\\", "/").removeprefix("./")
         last = last_name(path)
         stem = split_name(last)[0] if last.lower().endswith(IMAGE_SUFFIXES) else last
-        found = self._exact.get(path) or self._exact.get(split_name(path)[0])
-        found = found or self._exact.get(last) or self._exact.get(stem)
-        found = found or self._plain.get(plain(stem), [])
-        if not found and _NUMBER.fullmatch(stem):
-            found = self._numbers.get(int(stem), [])
+        indexes = self._exact.get(path) or self._exact.get(split_name(path)[0])
+        indexes = indexes or self._exact.get(last) or self._exact.get(stem)
+        indexes = indexes or self._plain.get(plain(stem), [])
+        if not indexes and _NUMBER.fullmatch(stem):
+            indexes = self._numbers.get(int(stem), [])
         frames = self._frames
-        same = [one for one in found if values.items() <= frames[one].values.items()]
+        same = [
+            index for index in indexes if values.items() <= frames[index].values.items()
+        ]
         if len(same) > 1 and path != last:
-            same = [one for one in same if self._ends_in(one, path)] or same
-        return [one for one in same if self.is_of(one, camera)] if camera else same
+            same = [index for index in same if self._ends_in(index, path)] or same
+        return (
+            [index for index in same if self.is_of(index, camera)] if camera else same
+        )
 
     def _ends_in(self, index: int, path: str) -> bool:
         files = self._frames[index].files
-        return any(f"/{one}".endswith(f"/{path}") for one in (files.image, files.key))
+        return any(f"/{name}".endswith(f"/{path}") for name in (files.image, files.key))
 
     def is_of(self, index: int, camera: str) -> bool:
         """Whether a frame is of a camera, as far as its name says one."""
@@ -361,13 +373,13 @@ class _Table:
             why = row.problem.detail if row.problem else "no frame"
             self._lost.setdefault(why, []).append(row.at)
             return []
-        found = self._frames.of(text, camera, self._values)
-        if not found:
+        indexes = self._frames.of(text, camera, self._values)
+        if not indexes:
             about = f"{text} of camera {camera}" if camera else text
             self._lost.setdefault(f"no image of frame {shown(about)}", []).append(
                 row.at
             )
-        return found
+        return indexes
 
     def _names(self, named: object, row: Row) -> tuple[str | None, str]:
         """What a row calls its frame and its camera."""
@@ -433,15 +445,15 @@ class _Labels:
                     self.reader.check_columns(document.columns, name)
                 rows = [row for _, row in document]
                 labels = [row.value for row in rows]
-                found = self._in_rows(rows)
+                box_rows = self._in_rows(rows)
             else:
-                found = self.reader.boxes_in(document, name)
-            boxes = self._boxes(found, frame, self.shares[name], regions)
+                box_rows = self.reader.boxes_in(document, name)
+            boxes = self._boxes(box_rows, frame, self.shares[name], regions)
         for table in self.tables:
             for row in table.rows(index):
                 labels = row.value if labels is None else labels
-                found = self._in_rows([row])
-                boxes += self._boxes(found, frame, table.shares(row), regions)
+                box_rows = self._in_rows([row])
+                boxes += self._boxes(box_rows, frame, table.shares(row), regions)
         wh = frame_size(source) if self.options.cameras.places else None
         camera = self.cameras.of(frame.values, labels, wh)
         # The map that labels, or the first of their rows, say

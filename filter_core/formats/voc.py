@@ -66,8 +66,8 @@ VOC: Final = Format(
 
 @VOC.recogniser
 def _recognise(source: Source) -> Recognition:
-    found = any(name.lower().endswith(".xml") for name in source.label_files)
-    return "possible" if found else "none"
+    has_labels = any(name.lower().endswith(".xml") for name in source.label_files)
+    return "possible" if has_labels else "none"
 
 
 @VOC.reader
@@ -98,13 +98,14 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     return FrameSet(
         layout="voc",
         frames=lambda: (
-            annotated(frame_of(one, root, labels), partial(read, one)) for one in named
+            annotated(frame_of(frame, root, labels), partial(read, frame))
+            for frame in named
         ),
         count=len(frames),
         unmatched=(*unmatched, *left_over),
         notes=lambda: (*notes, *counting.notes()),
         streams=streams.facts,
-        texts=lambda: (labels / one.label for one in named),
+        texts=lambda: (labels / frame.label for frame in named),
     )
 
 
@@ -157,7 +158,7 @@ class _Counting:
             self.zeros += sum(0.0 in box for box in boxes)
             self.first_zero = self.first_zero or name
         if b"." in b"".join(words):
-            self.fractional += sum(not all(map(float.is_integer, one)) for one in boxes)
+            self.fractional += sum(not all(map(float.is_integer, box)) for box in boxes)
 
     @property
     def origin(self) -> int:
@@ -227,18 +228,18 @@ def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
     if tree.root.tag != "annotation":
         raise tree.error(tree.root, "<annotation>", f"<{tree.root.tag[:40]}>")
     objects = list(tree.root.iter("object"))
-    corners = [_corners(tree, one) for one in objects]
+    corners = [_corners(tree, node) for node in objects]
     boxes = [
         {
-            "class": _text(tree, one, "name"),
+            "class": _text(tree, node, "name"),
             "xyxy": [x_min - origin, y_min - origin, x_max, y_max],
             **{
                 key: int(text) if text in ("0", "1") else text
                 for key in _KEPT
-                if (text := (one.findtext(key) or "").strip())
+                if (text := (node.findtext(key) or "").strip())
             },
         }
-        for one, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
+        for node, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
     ]
     annotation: dict[str, object] = {"boxes": boxes}
     size = tree.root.find("size")
@@ -255,8 +256,8 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
     """The objects of a file, each with the space before it."""
     content = file.read()
     tree = _parse(content, "labels")
-    for place, one in enumerate(tree.root.iter("object")):
-        start, end = tree.tags[one]
+    for place, node in enumerate(tree.root.iter("object")):
+        start, end = tree.tags[node]
         # UTF-16 has a NUL beside each sign, and is cut from sign to sign.
         end = content.index(b">", end) + (
             2 if content[start:].startswith(b"<\0") else 1
@@ -269,8 +270,10 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
 
 @dataclass(frozen=True)
 class _Tree:
-    """A parsed file, with the line that each element starts on, and the bytes at which
-    its first and last tag begin.
+    """A parsed file, with the places of its elements.
+
+    They are the line that each one starts on, and the bytes at which its first and last
+    tag begin.
     """
 
     name: str
@@ -359,10 +362,10 @@ class _LineParser(DefusedXMLParser):
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
 
 
-def _corners(tree: _Tree, one: Element) -> list[float]:
-    rectangle = one.find("bndbox")
+def _corners(tree: _Tree, node: Element) -> list[float]:
+    rectangle = node.find("bndbox")
     if rectangle is None:
-        raise tree.error(one, "<bndbox> in the object", "none")
+        raise tree.error(node, "<bndbox> in the object", "none")
     return [_number(tree, rectangle, key) for key in _CORNERS]
 
 
@@ -401,8 +404,8 @@ def _side(tree: _Tree, size: Element, key: str) -> int:
 def _rectangles(own: OwnLabels) -> Iterator[Rectangles]:
     """Of each object what it may be: pixels may be counted from 1 or from 0."""
     tree = _parse(own.content, own.file)
-    for one in tree.root.iter("object"):
-        x_min, y_min, x_max, y_max = _corners(tree, one)
+    for node in tree.root.iter("object"):
+        x_min, y_min, x_max, y_max = _corners(tree, node)
         yield {
             "xyxy": [
                 [x_min - origin, y_min - origin, x_max, y_max] for origin in (1, 0)
@@ -415,15 +418,15 @@ def _own(out: OutFrame) -> bytes | None:
 
     Its image gets the name that it has in the export. None if it names other classes.
     """
-    if out.own is None or any(one.ignored for one in out.boxes):
+    if out.own is None or any(box.ignored for box in out.boxes):
         return None
     tree = _parse(out.own.content, out.own.file)
     objects = tree.root.iter("object")
-    names = [(one.findtext("name") or "").strip() for one in objects]
+    names = [(node.findtext("name") or "").strip() for node in objects]
     is_own = all(
-        names[one.row] == out.frame.boxes.class_name(one.row) for one in out.boxes
+        names[box.row] == out.frame.boxes.class_name(box.row) for box in out.boxes
     )
-    content = out.own.with_rows({one.row for one in out.boxes}) if is_own else None
+    content = out.own.with_rows({box.row for box in out.boxes}) if is_own else None
     image = (tree.root.findtext("filename") or "").strip().replace("\\", "/")
     name = f"{out.stem}{out.suffix}"
     # Without a name of an image it is that of the file.
@@ -489,33 +492,33 @@ def _lines(out: OutFrame) -> Iterator[str]:
         "<depth>3</depth></size>"
     )
     yield "  <segmented>0</segmented>"
-    for one in out.boxes:
+    for box in out.boxes:
         frame = out.frame
-        given = frame.given.boxes[one.row]
-        pose = given.get("pose")
+        raw = frame.given.boxes[box.row]
+        pose = raw.get("pose")
         flags = {
             "pose": pose if isinstance(pose, str) else "Unspecified",
-            "truncated": _flag(given.get("truncated"), one.is_cut),
+            "truncated": _flag(raw.get("truncated"), box.is_cut),
             "difficult": _flag(
-                None if one.ignored else given.get("difficult"), one.ignored
+                None if box.ignored else raw.get("difficult"), box.ignored
             ),
-            "occluded": _flag(given.get("occluded"), False),
+            "occluded": _flag(raw.get("occluded"), False),
         }
         yield "  <object>"
-        yield f"    {element('name', frame.boxes.class_name(one.row))}"
+        yield f"    {element('name', frame.boxes.class_name(box.row))}"
         for key, value in flags.items():
             yield f"    {element(key, value)}"
         yield "    <bndbox>"
-        for key, value in zip(_CORNERS, whole_pixels(one.xyxy, frame.wh), strict=True):
+        for key, value in zip(_CORNERS, whole_pixels(box.xyxy, frame.wh), strict=True):
             yield f"      {element(key, value)}"
         yield "    </bndbox>"
         yield "  </object>"
     yield "</annotation>"
 
 
-def _flag(given: object, usual: bool) -> int:
+def _flag(value: object, usual: bool) -> int:
     """0 or 1, as VOC writes flags; the usual value in place of anything else."""
-    return int(given) if given in (0, 1) and isinstance(given, int) else int(usual)
+    return int(value) if value in (0, 1) and isinstance(value, int) else int(usual)
 
 
 def whole_pixels(xyxy: Sequence[float], wh: tuple[int, int]) -> list[int]:

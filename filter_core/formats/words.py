@@ -163,7 +163,7 @@ def part_of(name: str) -> Part:
         roles |= token_roles
         picture.append("" if token_roles - {"image"} else token)
         frame.append("" if token_roles else token)
-    role = next((one for one in ROLE_WORDS if one in roles), None)
+    role = next((candidate for candidate in ROLE_WORDS if candidate in roles), None)
     if role is None:
         return Part(None, False, name, name)
     texts = (name if role == "image" else _joined(picture), _joined(frame))

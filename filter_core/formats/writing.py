@@ -393,10 +393,10 @@ class _LabelExport:
         self.count += 1
         self._note_name(out, name)
         if self.writer.traits.box_keys not in (None, EVERY_KEY):
-            given = frame.given.frame
+            annotation = frame.given.frame
             # A camera of which only the size is known is the size of the image.
             size = dict(zip(("width", "height"), frame.wh, strict=True))
-            self.frame_keys.update(key for key in given if given[key] != size)
+            self.frame_keys.update(key for key in annotation if annotation[key] != size)
             # Mostly the same for all boxes, so that this is faster than key by key.
             self.box_keys.update(map(tuple, frame.given.boxes))
         self.writer.labels("", out)
@@ -606,11 +606,11 @@ class _BoxChooser:
         self._tally.left_out(frame, unmeasured)
         class_number = self._tally.count_boxes(frame)
         crowd = self._crowd(frame)
-        wanted, _ = self._wanted(boxes, crowd)
+        objects, _ = self._wanted(boxes, crowd)
         reasons = [
             _FRAME_LEFT_OUT
-            if wanted[row]
-            else self._reason(boxes, row, wanted=False, crowd=crowd[row])
+            if objects[row]
+            else self._reason(boxes, row, is_object=False, crowd=crowd[row])
             for row in range(len(boxes))
         ]
         changes = [Change(row, "dropped", reason) for row, reason in enumerate(reasons)]
@@ -625,12 +625,12 @@ class _BoxChooser:
         boxes, options = frame.boxes, self._options
         class_number = self._tally.count_boxes(frame)
         crowd = self._crowd(frame)
-        wanted, ignorable = self._wanted(boxes, crowd)
+        objects, ignorable = self._wanted(boxes, crowd)
         whole, used = _rectangles(boxes, options.boxes)
         inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
         shorter_side = (inside[:, 2:] - inside[:, :2]).min(axis=1)
         placed = shorter_side >= _LEAST_SIDE
-        written = wanted & (placed | self._traits.can_hold_unplaced)
+        written = objects & (placed | self._traits.can_hold_unplaced)
         ignored = ignorable & placed & (options.rejected == "dontcare")
         row = np.flatnonzero(written | ignored)
         chosen = LabelBoxes(
@@ -652,7 +652,7 @@ class _BoxChooser:
         def change_of(box: int) -> Change:
             if written[box]:
                 return Change(box, "clipped", "beyond_image")
-            reason = self._reason(boxes, box, wanted=wanted[box], crowd=crowd[box])
+            reason = self._reason(boxes, box, is_object=objects[box], crowd=crowd[box])
             return Change(box, "dontcare" if ignored[box] else "dropped", reason)
 
         self._tally.changed(
@@ -675,22 +675,22 @@ class _BoxChooser:
         if self._options.include == "all":
             return ~crowd, crowd
         verdict = self._verdict(boxes)
-        wanted = verdict == KEPT
+        objects = verdict == KEPT
         if self._options.include_unmeasured:
-            wanted |= verdict == UNMEASURED
-        return wanted & ~crowd, crowd | (verdict == REJECTED)
+            objects |= verdict == UNMEASURED
+        return objects & ~crowd, crowd | (verdict == REJECTED)
 
     def _verdict(self, boxes: DecidedBoxes) -> NDArray[np.uint8]:
         effective = self._options.include == "effective"
         return boxes.effective if effective else boxes.verdict
 
     def _reason(
-        self, boxes: DecidedBoxes, row: int, *, wanted: bool, crowd: bool
+        self, boxes: DecidedBoxes, row: int, *, is_object: bool, crowd: bool
     ) -> str:
         """Why a box is no object of the export."""
         if crowd:
             return "crowd"
-        if wanted:
+        if is_object:
             rectangle, _ = _rectangles(boxes[row : row + 1], self._options.boxes)
             if np.isnan(rectangle).any():  # it has none; its reason says why
                 return boxes.reason_label(row)
@@ -711,13 +711,13 @@ def _rectangles(boxes: DecidedBoxes, kind: str) -> tuple[BoxesXYXY, NDArray[np.s
         "tight": (boxes.tight_xyxy, boxes.visible_xyxy, boxes.xyxy),
     }[kind]
     xyxy, *others = columns
-    known = ~np.isnan(xyxy[:, 0])
-    used = np.where(known, kind, "")
+    has_rectangle = ~np.isnan(xyxy[:, 0])
+    used = np.where(has_rectangle, kind, "")
     for other in others:
-        found = ~known & ~np.isnan(other[:, 0])
-        xyxy = np.where(found[:, None], other, xyxy)
-        used = np.where(found, "visible", used)
-        known |= found
+        filled = ~has_rectangle & ~np.isnan(other[:, 0])
+        xyxy = np.where(filled[:, None], other, xyxy)
+        used = np.where(filled, "visible", used)
+        has_rectangle |= filled
     return xyxy, used
 
 

@@ -179,17 +179,17 @@ def _described(root: Path) -> tuple[tuple[str, ...], int | None, dict[str, objec
         document = parse_yaml(text)
     except ConfigError as exc:
         raise LayoutError(f"{name}: {exc.detail}") from exc
-    known = document if isinstance(document, Mapping) else {}
-    shape = known.get("kpt_shape")
+    entries = document if isinstance(document, Mapping) else {}
+    shape = entries.get("kpt_shape")
     columns = None
     if isinstance(shape, list) and [type(number) for number in shape] == [int, int]:
         columns = max(shape[0] * shape[1], 0)
     beside = {
         key: value
-        for key, value in known.items()
+        for key, value in entries.items()
         if key not in _COMPOSED and isinstance(key, str) and _is_json(value)
     }
-    return ordered_names(known.get("names"), f"{name}, names"), columns, beside
+    return ordered_names(entries.get("names"), f"{name}, names"), columns, beside
 
 
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
@@ -258,11 +258,11 @@ def frame_set(
     no_labels = []
 
     def with_labels() -> Iterator[FrameFileNames]:
-        for one in matched:
-            if one.image or has_rows(folders.labels / one.label):
-                yield one
-            elif _may_be_damaged(one.label, folders):
-                no_labels.append(Unmatched(one.label, _NO_LABEL))
+        for frame in matched:
+            if frame.image or has_rows(folders.labels / frame.label):
+                yield frame
+            elif _may_be_damaged(frame.label, folders):
+                no_labels.append(Unmatched(frame.label, _NO_LABEL))
 
     frames, left_over = streams.complete(with_labels(), "label file")
     top = folders.export or folders.images
@@ -274,9 +274,9 @@ def frame_set(
     def read() -> Iterator[FrameSource]:
         outlines.counts.clear()
         beside: Mapping[str, object] | None = folders.beside
-        for one in named:
-            annotation = partial(_annotation, folders, one, outlines)
-            frame = frame_of(one, folders.images, folders.labels)
+        for file_names in named:
+            annotation = partial(_annotation, folders, file_names, outlines)
+            frame = frame_of(file_names, folders.images, folders.labels)
             frame = annotated(frame, annotation)
             if beside and frame.origin and not (frame.problem or missing_image(frame)):
                 origin = frame.origin._replace(beside=beside)
@@ -292,7 +292,7 @@ def frame_set(
         notes=lambda: (*notes, *outlines.notes()),
         streams=streams.facts,
         texts=lambda: chain(
-            (folders.labels / one.label for one in named),
+            (folders.labels / frame.label for frame in named),
             (root / name for root in [folders.images] if (name := _class_list(root))),
         ),
     )
@@ -561,7 +561,7 @@ class YoloWriter:
             text = "".join(label_lines(out.boxes, out.frame.wh))
         else:
             self._context.note_own(band)
-            numbers = {one.row: str(one.class_number) for one in out.boxes}
+            numbers = {box.row: str(box.class_number) for box in out.boxes}
             text = out.own.with_words(numbers, fewest_columns=RAW_COLUMNS + 1)
         folder = band or "labels"
         self._context.sink(f"{folder}/{out.part}/{out.stem}.txt", [text.encode()])

@@ -168,23 +168,23 @@ def correct_xyxy(
 
 
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
-    """(N, 4) int64: the pixels that boxes touch, as first column, first row, last
-    column + 1, last row + 1.
+    """(N, 4) int64: the pixels that boxes touch.
 
-    Columns ``floor(x_min) .. ceil(x_max) - 1``, rows likewise, within the image. A box
-    thinner than a pixel still has one; a NaN row has none: ``0 0 0 0``. `xyxy` (N, 4)
-    are corrected boxes, px; `wh` is (width, height) of the image, px.
+    As first column, first row, last column + 1, last row + 1 within the image: columns
+    ``floor(x_min) .. ceil(x_max) - 1``, rows likewise. A box thinner than a pixel still
+    has one; a NaN row has none: ``0 0 0 0``. `xyxy` (N, 4) are corrected boxes, px;
+    `wh` is (width, height) of the image, px.
     """
     boxes = _as_boxes(xyxy)
     # A NaN cast to an integer is undefined, so those rows are replaced before.
-    known = ~np.isnan(boxes).any(axis=1, keepdims=True)
-    solid = boxes if known.all() else np.where(known, boxes, 0.0)
+    has_corners = ~np.isnan(boxes).any(axis=1, keepdims=True)
+    solid = boxes if has_corners.all() else np.where(has_corners, boxes, 0.0)
     size = np.array(wh, dtype=np.float64)
     bounds = np.empty(boxes.shape, dtype=np.int64)
     first = np.minimum(np.maximum(np.floor(solid[:, :2]), 0), size - 1)
     bounds[:, :2] = first
     bounds[:, 2:] = np.minimum(np.maximum(np.ceil(solid[:, 2:]), first + 1), size)
-    bounds *= known
+    bounds *= has_corners
     return bounds
 
 

@@ -95,8 +95,8 @@ class Camera:
         projection = _matrix("intrinsic", intrinsic, 3)
         motion = _matrix("world_to_camera", world_to_camera, 4)
         if projection[0, 0] <= 0 or projection[1, 1] <= 0:
-            found = f"{projection[0, 0]:g} and {projection[1, 1]:g}"
-            raise _fault("intrinsic", "two focal lengths above 0", found)
+            text = f"{projection[0, 0]:g} and {projection[1, 1]:g}"
+            raise _fault("intrinsic", "two focal lengths above 0", text)
         if projection[1, 0] != 0 or not np.array_equal(projection[2], [0, 0, 1]):
             raise _fault("intrinsic", "[fx s cx; 0 fy cy; 0 0 1]", projection.tolist())
         rotation = motion[:3, :3]
@@ -107,8 +107,8 @@ class Camera:
         if np.linalg.det(rotation) < 0:
             # OpenCV's right-handed axes mirror CARLA's: the determinant is -1.
             expected = "CARLA's axes (x forward, y right, z up)"
-            found = "a mirrored matrix (OpenCV's axes?)"
-            raise _fault("world_to_camera", expected, found)
+            text = "a mirrored matrix (OpenCV's axes?)"
+            raise _fault("world_to_camera", expected, text)
         return cls(width, height, projection, motion)
 
     @cached_property

@@ -68,10 +68,10 @@ TransformLike: TypeAlias = Transform | Mapping[str, object]
 
 
 def rotation_matrices(rotations: ArrayLike) -> FloatArray:
-    """(N, 3, 3) float64: CARLA's rotation matrices of (N, 3) pitch, yaw, roll in
-    degrees.
+    """(N, 3, 3) float64: CARLA's rotation matrices of N rotations.
 
-    They map local vectors to world vectors; determinant +1.
+    `rotations`, (N, 3), are pitch, yaw, roll in degrees. The matrices map local vectors
+    to world vectors; determinant +1.
 
     References
     ----------
@@ -139,8 +139,8 @@ def read_transform(value: object, at: Place, faults: Faults) -> Transform | None
     else:
         _refuse_unknown(value, (*_VECTOR_KEYS, *_ROTATION_KEYS), at, faults)
         location = _read_keys(value, at, faults, _VECTOR_KEYS)
-        given = {**_NOT_TURNED, **value}
-        rotation = _read_keys(given, at, faults, _ROTATION_KEYS)
+        completed = {**_NOT_TURNED, **value}
+        rotation = _read_keys(completed, at, faults, _ROTATION_KEYS)
     if location is None or rotation is None:
         return None
     return Transform(location, rotation)

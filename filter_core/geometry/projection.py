@@ -211,11 +211,10 @@ def project_boxes(
 def project_box(
     vertices: ArrayLike, camera: Camera, mode: ProjectionMode = "clipped"
 ) -> Projection:
-    """One box of (8, 3) corners, metres, as the camera sees it; `project_boxes` for
-    one.
+    """One box of (8, 3) corners, metres, as the camera sees it.
 
-    Rectangles are (4,) float64 ``xyxy``, or None where there is nothing. Raises
-    `FilterError`: ``bad_shape``, ``bad_projection``.
+    It is `project_boxes` for one. Rectangles are (4,) float64 ``xyxy``, or None where
+    there is nothing. Raises `FilterError`: ``bad_shape``, ``bad_projection``.
     """
     many = project_boxes(vertices, camera, mode)
     return Projection(
@@ -240,15 +239,15 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
     boxes = as_vertices(vertices)
     image_points = to_image_points(boxes, camera)
     status = _depth_status(image_points[..., 2])
-    found = []
+    points = []
     for corners, where in zip(image_points, status.tolist(), strict=True):
         if where == DepthStatus.BEHIND:
-            found.append(np.empty((0, 2)))
+            points.append(np.empty((0, 2)))
             continue
         if where == DepthStatus.STRADDLES_NEAR_PLANE:
             corners = _cut_hull(corners[None], corners[None, :, 2] - NEAR_PLANE)[0]
-        found.append(corners[:, :2] / corners[:, 2:])
-    return found
+        points.append(corners[:, :2] / corners[:, 2:])
+    return points
 
 
 def image_corners_xyxy(corners: ArrayLike) -> BoxesXYXY:
@@ -332,11 +331,11 @@ _PAIRS: Final = {
 
 
 def _cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:
-    """(N, `_MAX_CORNERS`, D): points whose hull is that of (N, 8, D) points after a cut
-    by one plane.
+    """(N, `_MAX_CORNERS`, D): points whose hull is that of points after a cut.
 
-    `distance` (N, 8) is from the plane, 0 and more is kept; at least one point of each
-    row must be. Padded by repeating a kept point.
+    The points that are cut by one plane are (N, 8, D). `distance` (N, 8) is from the
+    plane, 0 and more is kept; at least one point of each row must be. Padded by
+    repeating a kept point.
 
     Notes
     -----

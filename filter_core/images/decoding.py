@@ -79,10 +79,10 @@ def decode_color(
 def decode_image(
     content: bytes, header: ImageHeader, flags: int
 ) -> NDArray[np.uint8] | None:
-    """(H, W) or (H, W, C) uint8, or uint16 if `flags` keep the depth: the image as
-    decoded by OpenCV.
+    """(H, W) or (H, W, C) uint8: the image as decoded by OpenCV.
 
-    None if it is damaged, or if OpenCV finds another size than the header says.
+    It is uint16 if `flags` keep the depth. None if it is damaged, or if OpenCV finds
+    another size than the header says.
 
     Parameters
     ----------
@@ -154,14 +154,14 @@ def _by_opencv(
     content: NDArray[np.uint8], header: ImageHeader, flags: int
 ) -> NDArray[np.uint8] | None:
     try:
-        found = cv2.imdecode(content, flags)
+        pixels = cv2.imdecode(content, flags)
     except cv2.error as error:
         if error.code == cv2.Error.StsNoMem:
             raise MemoryError("decoding an image") from error
         return None
-    if found is None or not _is_as_large(found.shape[:2], header, flags):
+    if pixels is None or not _is_as_large(pixels.shape[:2], header, flags):
         return None
-    return cast("NDArray[np.uint8]", found)
+    return cast("NDArray[np.uint8]", pixels)
 
 
 _REDUCED_2: Final = 16
@@ -174,7 +174,7 @@ def _is_as_large(hw: Sequence[int], header: ImageHeader, flags: int) -> bool:
     scale = 1 if flags < 0 else max(1, 2 * (flags // _REDUCED_2 % 8))
     sides = zip(hw, (header.height, header.width), strict=True)
     return all(
-        max(1, side // scale) <= found <= -(-side // scale) for found, side in sides
+        max(1, side // scale) <= reduced <= -(-side // scale) for reduced, side in sides
     )
 
 
@@ -201,8 +201,7 @@ _IDAT: Final = b"IDAT"
 
 @dataclass(frozen=True)
 class InflatedPng:
-    """A PNG of (H, W, C) pixels that are inflated, but whose filters are not undone
-    yet.
+    """A PNG of (H, W, C) pixels, inflated, but whose filters are not undone yet.
 
     `rows`, (H, 1 + W C) uint8, are each row's filter and its bytes; `head` is what it
     has before its pixels.

@@ -124,7 +124,7 @@ def write(
         return
     taken.append(place)
     cv2.rectangle(canvas, place[:2], (place[2], place[3] - 1), _HALO, cv2.FILLED)
-    bright = [int(255 - (255 - one) * 0.6) for one in color]
+    bright = [int(255 - (255 - level) * 0.6) for level in color]
     origin = (left + 2, top + high + 1)
     cv2.putText(canvas, text, origin, _FONT, scale, bright, 1, cv2.LINE_AA)
 

@@ -93,9 +93,9 @@ def read_image_header(
         model = _JPEG_MODELS[jpeg.channels]
         header = ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, model)
     else:
-        found = f"{len(content)} bytes that begin with {content[:8]!r}"
+        text = f"{len(content)} bytes that begin with {content[:8]!r}"
         raise ImageError(
-            f"expected a PNG or JPEG file, found {found if content else 'no bytes'}"
+            f"expected a PNG or JPEG file, found {text if content else 'no bytes'}"
         )
     _check_sides(header.wh, max_side)
     return header

@@ -124,10 +124,10 @@ class _Walk:
     def passed(self, marker: int, position: int) -> int:
         """Where the segment ends whose marker ends here."""
         if marker not in _FRAMES | _TABLES | _NOTES and marker != _SOS:
-            found = _OTHER_FRAMES.get(marker, f"the bytes FF {marker:02X}")
+            segment = _OTHER_FRAMES.get(marker, f"the bytes FF {marker:02X}")
             raise ImageError(
                 "JPEG: expected a baseline or progressive image and nothing between "
-                f"its segments, found {found} at byte {position - 2}"
+                f"its segments, found {segment} at byte {position - 2}"
             )
         # Where a segment's content begins and ends
         content = self.content
@@ -191,9 +191,9 @@ def _end_of_scan(content: bytes | mmap, position: int) -> int:
     """Where the marker is that ends the coded pixels."""
     while position < len(content):
         # One byte more: a marker has two.
-        found = _MARKER_IN_SCAN.search(content, position, position + _WINDOW + 1)
-        if found is not None:
-            return found.start()
+        marker = _MARKER_IN_SCAN.search(content, position, position + _WINDOW + 1)
+        if marker is not None:
+            return marker.start()
         position += _WINDOW
     raise _ends_too_early(content)
 

@@ -81,11 +81,11 @@ _SAMPLED_PIXELS: Final = 4096
 def gather(
     pixels: NDArray[np.uint8], bounds: IntArray, keep: Mask | None = None
 ) -> tuple[PixelValues, IntArray]:
-    """(P,): the values of several rectangles, one after the other; and (N,) int64: how
-    many each has.
+    """(P,): the values of N rectangles, one after the other; and how many each has.
 
-    `bounds` (N, 4) are first column, first row, last column + 1, last row + 1, and may
-    be empty; of their pixels those of `keep` (H, W) are wanted, by default all.
+    The second are (N,) int64. `bounds` (N, 4) are first column, first row, last column
+    + 1, last row + 1, and may be empty; of their pixels those of `keep` (H, W) are
+    wanted, by default all.
     """
     regions = [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in bounds.tolist()]
     if keep is None and pixels.ndim == 3:
@@ -236,5 +236,5 @@ def _positions(mask: BoolArray) -> IntArray:
     words = flat.view(np.uint64)
     hit = np.flatnonzero(words != 0)
     inside = np.flatnonzero(words[hit].view(np.bool_))
-    found: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
-    return found
+    positions: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
+    return positions

@@ -75,8 +75,9 @@ _BIT_DEPTHS: Final = {
 
 @dataclass(frozen=True)
 class PngHeader:
-    """What the first chunk says: the size, px, the bits of one sample, and the colour
-    type: 0, 2, 3, 4 or 6.
+    """What the first chunk says.
+
+    The size, px, the bits of one sample, and the colour type: 0, 2, 3, 4 or 6.
     """
 
     width: int
@@ -294,8 +295,8 @@ class _Walk:
 
     def _require_checksum(self, chunk: _Chunk) -> None:
         start, end = chunk.start + 4, chunk.start + 8 + chunk.length
-        found = zlib.crc32(self.content[start:end])
-        if self.content[end : end + 4] != struct.pack(">I", found):
+        checksum = zlib.crc32(self.content[start:end])
+        if self.content[end : end + 4] != struct.pack(">I", checksum):
             raise ImageError(f"PNG: the checksum of its {_named(chunk.kind)} is wrong")
 
     def _body(self, chunk: _Chunk) -> bytes:

@@ -170,18 +170,19 @@ def _count_lines(path: Path) -> int:
 def unused_files(
     frames: FrameSet, use: FileUse, splits: Collection[Split]
 ) -> tuple[tuple[Listed, ...], tuple[Listed, ...]]:
-    """Images and labels of a folder that belong to no frame; and its other files, such
-    as notes.
+    """Images and labels of a folder that belong to no frame; and its other files.
+
+    The others are those that are not read, such as notes.
     """
     left_over, not_read = Listing(), Listing()
-    for one in frames.unmatched:
-        left_over.add(kind_of_reason(one.why), one.path, one.why)
+    for file in frames.unmatched:
+        left_over.add(kind_of_reason(file.why), file.path, file.why)
     if not use.root.is_dir():
         return left_over.listed(), not_read.listed()
     for path in frames.texts() if frames.texts else ():
         use.add_file(path)
-    known = {RECORDING_NAME, KEYS_NAME, *(split.name for split in splits)}
-    unmatched = {one.path for one in frames.unmatched}
+    our_names = {RECORDING_NAME, KEYS_NAME, *(split.name for split in splits)}
+    unmatched = {file.path for file in frames.unmatched}
     lasts = {path.rpartition("/")[2] for path in unmatched}
     is_used = use.is_used()
     for name in _all_files(use.root):
@@ -190,7 +191,7 @@ def unused_files(
         is_listed = parts[-1] in lasts and any(
             "/".join(parts[start:]) in unmatched for start in range(len(parts))
         )
-        if is_listed or is_used(name) or name in known:
+        if is_listed or is_used(name) or name in our_names:
             continue
         why = _IGNORED if use.files.ignores(name) else _why_not_read(name, frames)
         if why is not None:

@@ -215,8 +215,8 @@ def inspect_recording(
     """
     if not source.exists():
         raise LayoutError(f"{name_of(source)}: expected a folder or a file, found none")
-    given = describe_source(source) if description is None else description
-    opened = open_recording(source, given)
+    described = describe_source(source) if description is None else description
+    opened = open_recording(source, described)
     return inspect_opened(source, opened, Sampling(pictures), progress)
 
 
@@ -240,24 +240,26 @@ def inspect_opened(
     is_folder = source.is_dir()
     left_over, not_read = unused_files(opened.frames, labels.use, splits)
     # The description with what was recognised for certain
-    found: dict[str, object] = {}
-    given = opened.description
-    if opened.layout is not None and given.layout == "auto":
-        found["layout"] = opened.layout
+    recognised: dict[str, object] = {}
+    description = opened.description
+    if opened.layout is not None and description.layout == "auto":
+        recognised["layout"] = opened.layout
     tags = looked.segmentation
     if tags is not None and tags.is_certain:
         encoding, order = tags.common("encoding"), tags.common("channel_order")
-        found |= {"palette": tags.family, "encoding": encoding or "auto"}
+        recognised |= {"palette": tags.family, "encoding": encoding or "auto"}
         if encoding == "palette":  # the order of raw tags means nothing
-            found["channel_order"] = order or "auto"
+            recognised["channel_order"] = order or "auto"
     if looked.depth is not None and looked.depth.encoding is not None:
-        found["depth_encoding"] = looked.depth.encoding
+        recognised["depth_encoding"] = looked.depth.encoding
     unsaid = {
-        key: value for key, value in found.items() if getattr(given, key) == "auto"
+        key: value
+        for key, value in recognised.items()
+        if getattr(description, key) == "auto"
     }
     changed: Callable[..., RecordingDescription] = replace
     # The files by role where the layout or the description names each
-    roles, layout = given.files.roles, str(opened.layout)
+    roles, layout = description.files.roles, str(opened.layout)
     named_streams = tuple(
         StreamFacts(
             role, count, labels.examples[role], ("description",), roles[role].text
@@ -274,7 +276,7 @@ def inspect_opened(
         layout=opened.layout,
         layouts=opened.layouts,
         why=opened.why,
-        described=changed(given, **unsaid),
+        described=changed(description, **unsaid),
         problems=problems,
         notes=opened.frames.notes(),
         frames=labels.frames,
@@ -315,13 +317,13 @@ class OpenedRecording:
     others: tuple[OtherNotation, ...] = ()
 
 
-def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording:
+def open_recording(source: Path, description: RecordingDescription) -> OpenedRecording:
     """The frames, in the layout and notation that they are recognised to have.
 
-    What the description that is `given` says is not recognised.
+    What `description` says is not recognised.
     """
-    layout = given.own_layout
-    layouts = (layout,) if layout != "auto" else possible_layouts(source, given)
+    layout = description.own_layout
+    layouts = (layout,) if layout != "auto" else possible_layouts(source, description)
     problems = []
     if len(layouts) > 1:
         names = " or ".join(layouts)
@@ -330,7 +332,9 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
         text = _SEVERAL.format(names, layouts[0], which)
         problems.append(Problem("several_layouts", text))
     try:
-        frames, described, others = _read(source, layouts[0] if layouts else "", given)
+        frames, described, others = _read(
+            source, layouts[0] if layouts else "", description
+        )
     except LayoutError as exc:
         remedy = "" if layouts else _NAME_LAYOUT
         if isinstance(exc, NoClassList):
@@ -338,9 +342,9 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
         problems.append(Problem(exc.kind, f"{exc.detail}{remedy}"))
         streams: tuple[StreamFacts, ...] = ()
         with suppress(LayoutError):  # of a description that contradicts itself
-            streams = Streams(source, given).facts if source.is_dir() else ()
+            streams = Streams(source, description).facts if source.is_dir() else ()
         frames = FrameSet("", lambda: iter(()), streams=streams)
-        return OpenedRecording(frames, None, layouts, "", given, tuple(problems))
+        return OpenedRecording(frames, None, layouts, "", description, tuple(problems))
     problems += [Problem(other.error.kind, other.error.detail) for other in others]
     if frames.count == 0:
         problems.append(Problem("no_frames", _NO_FRAMES.format(frames.layout)))
@@ -353,7 +357,7 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
 
 
 def _read(
-    source: Path, layout: str, given: RecordingDescription
+    source: Path, layout: str, description: RecordingDescription
 ) -> tuple[FrameSet, RecordingDescription, tuple[OtherNotation, ...]]:
     """The frames, with boxes in another unit or notation read as what they look like.
 
@@ -361,17 +365,21 @@ def _read(
     """
     layout = layout or "auto"
     changed: Callable[..., RecordingDescription] = replace
-    plain = changed(given, unit="auto", corners="auto")
+    plain = changed(description, unit="auto", corners="auto")
     frames = read_source(source, layout, plain, recognise=False)
     others: list[OtherNotation] = []
-    described = given
+    described = description
     # Boxes whose unit is known may show another notation.
     for _ in range(0 if layout == CARLASIMU.name else 2):  # has units of its own
-        said = {one.key for one in others}
+        said = {notation.key for notation in others}
         all_shown = other_notations(frames, described)
-        shown = [one for one in all_shown if one.key not in said]
+        shown = [notation for notation in all_shown if notation.key not in said]
         others += shown
-        clear = {one.key: one.value for one in shown if " or " not in one.value}
+        clear = {
+            notation.key: notation.value
+            for notation in shown
+            if " or " not in notation.value
+        }
         described = changed(described, **clear)
         if not clear:
             break

@@ -165,8 +165,8 @@ class BoxSummary:
     def add(self, classes: Mapping[str, ClassCount]) -> None:
         """Count boxes, such as those of a frame."""
         for name, count in classes.items():
-            known = self._classes.get(name)
-            self._classes[name] = count if known is None else known.plus(count)
+            total = self._classes.get(name)
+            self._classes[name] = count if total is None else total.plus(count)
 
     @property
     def boxes(self) -> dict[str, int]:
@@ -208,7 +208,7 @@ class BoxSummary:
         return [Remark(text, is_serious=True, unknown_classes=(*unmapped,))]
 
     def _rejected(self) -> list[Remark]:
-        known = {
+        boxes_by_name = {
             name: count.boxes
             for name, count in sorted(self._classes.items())
             if count.rejected == count.boxes and not count.unmapped
@@ -220,11 +220,13 @@ class BoxSummary:
             which = "" if len(measured) == len(self._classes) else " of a known class"
             text = f"every box{which} is rejected ({total})"
             return [Remark(f"{text}; {_LOOK}", is_serious=total >= _ENOUGH_BOXES)]
-        if not known:
+        if not boxes_by_name:
             return []
-        is_serious = max(known.values()) >= _ENOUGH_BOXES
+        is_serious = max(boxes_by_name.values()) >= _ENOUGH_BOXES
         hint = f"; {_LOOK}" if is_serious else ""
-        named = listed_names(f"{name} ({count})" for name, count in known.items())
+        named = listed_names(
+            f"{name} ({count})" for name, count in boxes_by_name.items()
+        )
         return [Remark(f"every box is rejected of: {named}{hint}", is_serious)]
 
     def _unknown_pixels(self) -> list[Remark]:
@@ -263,7 +265,9 @@ class BoxSummary:
         groups = [
             f"{counts} ({meaning}{self.advice.for_names(same)})"
             for meaning, same in alike.items()
-            for counts in [listed_names(f"{one} ({self.boxes[one]})" for one in same)]
+            for counts in [
+                listed_names(f"{name} ({self.boxes[name]})" for name in same)
+            ]
         ]
         return [
             Remark(
@@ -348,8 +352,8 @@ def _by_keys(detail: str) -> str:
     """An error of a frame with the keys of the settings that it recommends."""
     palette = f"by `segmentation: {{palette: NAME}}` in {RECORDING_NAME}"
     return _READING.sub(
-        lambda found: (
-            f"`segmentation: {{{found[1] or 'lossy'}: {found[2]}}}` in {RECORDING_NAME}"
+        lambda match: (
+            f"`segmentation: {{{match[1] or 'lossy'}: {match[2]}}}` in {RECORDING_NAME}"
         ),
         _PALETTE.sub(palette, detail),
     )
@@ -371,12 +375,14 @@ def _about_classes(inspection: Inspection) -> Iterator[Remark]:
     has_some = layout and "default_class" in layout_format(layout).read_options
     advice = RecordingAdvice(described.default_class if has_some else None)
     names, pixels = BoxSummary(advice), BoxSummary(advice)
-    for one in inspection.classes:
-        unmapped = 0 if one.measured_as else one.boxes
-        if one.boxes:
-            names.add({one.name: ClassCount(one.boxes, unmapped=unmapped)})
-        if one.measured_as and one.looked_at.boxes:
-            pixels.add({one.name: one.looked_at})
+    for class_facts in inspection.classes:
+        unmapped = 0 if class_facts.measured_as else class_facts.boxes
+        if class_facts.boxes:
+            names.add(
+                {class_facts.name: ClassCount(class_facts.boxes, unmapped=unmapped)}
+            )
+        if class_facts.measured_as and class_facts.looked_at.boxes:
+            pixels.add({class_facts.name: class_facts.looked_at})
     yield from names.about_names()
     sample = inspection.pictures < inspection.frames
     which = f"in {inspection.pictures} frames that were looked at: " if sample else ""
@@ -402,7 +408,7 @@ def by_role(inspection: Inspection) -> list[StreamFacts]:
     order = {role: at for at, role in enumerate(ROLES)}
     return sorted(
         inspection.streams,
-        key=lambda one: (order.get(one.role, len(order)), -one.images),
+        key=lambda stream: (order.get(stream.role, len(order)), -stream.images),
     )
 
 
@@ -429,7 +435,8 @@ def facts(inspection: Inspection) -> Iterator[tuple[str, str]]:
         yield "holds", ", ".join(counts)
     if inspection.sizes:
         sizes = [
-            f"{one.width} x {one.height} px ({one.images})" for one in inspection.sizes
+            f"{size.width} x {size.height} px ({size.images})"
+            for size in inspection.sizes
         ]
         yield "sizes of images", listed_names(sizes, MOST_IN_A_LINE)
     if inspection.segmentation is not None:
@@ -500,9 +507,9 @@ def recording_text(inspection: Inspection, folder: Path) -> str:
         "# Correct what is wrong; what is left out is recognised again.\n"
     )
     hints = [
-        f"#   {json.dumps(one.name)}: {one.nearest or PASS}\n"
-        for one in inspection.classes
-        if one.boxes and not one.measured_as
+        f"#   {json.dumps(class_facts.name)}: {class_facts.nearest or PASS}\n"
+        for class_facts in inspection.classes
+        if class_facts.boxes and not class_facts.measured_as
     ]
     unknown = (
         "\n# Classes that are not known: say as what each is measured, or `pass`.\n"

@@ -130,7 +130,7 @@ def nearest_tags(
         for color, code in codes_with(changed).items()
         if tags[code] != UNKNOWN_TAG
     }
-    by_tag = sorted(own.items(), key=lambda one: one[1])
+    by_tag = sorted(own.items(), key=lambda item: item[1])
     table = _nearest(by_tag, _NEAREST_LEVELS, default=UNKNOWN_TAG)
     foreign = [
         color
@@ -206,10 +206,12 @@ class PixelCodes:
     changed: ChangedTags = UNCHANGED
 
     @classmethod
-    def of_tags(cls, tags: TagImage, known: int, counts: IntArray) -> PixelCodes:
-        """Tags that are their own codes; those from `known` on are Unknown."""
+    def of_tags(
+        cls, tags: TagImage, first_unknown: int, counts: IntArray
+    ) -> PixelCodes:
+        """Tags that are their own codes; those from `first_unknown` on are Unknown."""
         tag_of_code = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
-        tag_of_code[:known] = np.arange(known)
+        tag_of_code[:first_unknown] = np.arange(first_unknown)
         return cls(tags, tag_of_code, tuple(np.flatnonzero(counts).tolist()))
 
     @property

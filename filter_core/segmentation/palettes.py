@@ -57,8 +57,9 @@ class Tag:
 
 @dataclass(frozen=True)
 class Palette:
-    """One tag family: tag, name and colour are a bijection inside it; tag t is at place
-    t.
+    """One tag family, in which tag, name and colour are a bijection.
+
+    Tag t is at place t.
     """
 
     name: str
@@ -81,8 +82,8 @@ class Palette:
         for tag in self.tags:
             if tag.name.casefold() == name.casefold():
                 return tag.tag
-        known = ", ".join(tag.name for tag in self.tags)
-        raise UnknownTag(f"{self.name} has no tag {name!r}; it has {known}")
+        names = ", ".join(tag.name for tag in self.tags)
+        raise UnknownTag(f"{self.name} has no tag {name!r}; it has {names}")
 
     @cached_property
     def rgb_table(self) -> NDArray[np.uint8]:
@@ -149,7 +150,9 @@ def _palette(
     """
     colors = {**_COLORS, **others}
     names = enumerate(tags.split(", "))
-    return Palette(name, tuple(Tag(tag, one, colors[one]) for tag, one in names))
+    return Palette(
+        name, tuple(Tag(tag, tag_name, colors[tag_name]) for tag, tag_name in names)
+    )
 
 
 # 0.9.0: CARLA's documentation; 0.9.10 and 0.9.14: the CityScapesPalette table inside
@@ -231,9 +234,9 @@ def palette_of(family: str) -> Palette:
     try:
         return FAMILIES[family]
     except KeyError:
-        known = ", ".join(FAMILIES)
+        names = ", ".join(FAMILIES)
         raise UnknownPalette(
-            f"palette must be auto or one of {known}; found {family!r}"
+            f"palette must be auto or one of {names}; found {family!r}"
         ) from None
 
 
@@ -258,8 +261,8 @@ class ChangedTags:
         """
         names = {name for _, name in (*self.numbers, *self.colors)}
         lacking = [
-            sorted(names.difference(tag.name for tag in palette_of(one).tags))
-            for one in (family, NEWEST)
+            sorted(names.difference(tag.name for tag in palette_of(candidate).tags))
+            for candidate in (family, NEWEST)
         ]
         if not lacking[0]:
             return family

@@ -176,8 +176,8 @@ class SegmentationOptions:
             lossy=by["lossy"].lossy,
             carla_version=version,
             sources=sources,
-            tags=next((one.tags for one in layers.values() if one.tags), {}),
-            tag_scale=max(one.tag_scale for one in layers.values()),
+            tags=next((layer.tags for layer in layers.values() if layer.tags), {}),
+            tag_scale=max(layer.tag_scale for layer in layers.values()),
         )
 
 

@@ -75,9 +75,9 @@ _RED, _GREEN, _BLUE = 0, 1, 2
 def read_exact_colors(
     pixels: NDArray[np.uint8], occurring: Sequence[int], named: NamedReading
 ) -> Segmentation:
-    """A segmentation of (H, W, 3) red, green, blue that are exactly colours of a
-    palette.
+    """A segmentation of pixels that are exactly colours of a palette.
 
+    `pixels` are (H, W, 3) red, green, blue.
     `occurring` are the codes of the colours that occur, as `exact_codes` has them.
 
     Raises
@@ -90,16 +90,16 @@ def read_exact_colors(
     if NO_FAMILY in occurring:
         counts = count_codes(pixels, exact_codes(changed))
         _refuse_no_family(pixels, counts, [NO_FAMILY], changed)
-    found = recognise(_family_codes(occurring, changed), named)
-    tags = tags_of_codes(found.family, found.order, changed)
+    recognition = recognise(_family_codes(occurring, changed), named)
+    tags = tags_of_codes(recognition.family, recognition.order, changed)
     segmentation = Segmentation(
         codes=PixelCodes(pixels, tags, tuple(occurring), changed),
-        family=changed.target(found.family),
+        family=changed.target(recognition.family),
         encoding="palette",
-        channel_order=found.order,
-        notes=found.notes,
-        rivals=_rivals(found, changed),
-        readings=frozenset(found.readings),
+        channel_order=recognition.order,
+        notes=recognition.notes,
+        rivals=_rivals(recognition, changed),
+        readings=frozenset(recognition.readings),
     )
     unknown = [code for code in occurring if tags[code] == UNKNOWN_TAG]
     return _with_unknown(segmentation, unknown) if unknown else segmentation
@@ -112,9 +112,13 @@ def _family_codes(occurring: Iterable[int], changed: ChangedTags) -> set[int]:
     return set(occurring) - own - {NO_FAMILY}
 
 
-def _rivals(found: Recognition, changed: ChangedTags) -> tuple[str, ...]:
+def _rivals(recognition: Recognition, changed: ChangedTags) -> tuple[str, ...]:
     """Those of the recognition, if the tags keep the numbers of its family."""
-    return found.rivals if changed.target(found.family) == found.family else ()
+    return (
+        recognition.rivals
+        if changed.target(recognition.family) == recognition.family
+        else ()
+    )
 
 
 def _with_unknown(segmentation: Segmentation, unknown: Sequence[int]) -> Segmentation:
@@ -126,7 +130,13 @@ def _with_unknown(segmentation: Segmentation, unknown: Sequence[int]) -> Segment
     foreign = {
         code: having[0]
         for code in unknown
-        if (having := [one for one in readings if not one.missing(frozenset({code}))])
+        if (
+            having := [
+                reading
+                for reading in readings
+                if not reading.missing(frozenset({code}))
+            ]
+        )
     }
     no_family = [NO_FAMILY, *(code for code in unknown if code and code not in foreign)]
     _refuse_no_family(segmentation.pixels, counts, no_family, changed)
@@ -203,26 +213,26 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
     near = count_codes(pixels, recognisable_codes())
     floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
     occurring = set(np.flatnonzero(near >= floor).tolist()) - {NO_FAMILY}
-    found = recognise(_family_codes(occurring, named.changed), named)
-    table = nearest_tags(found.family, found.order, named.changed)
+    recognition = recognise(_family_codes(occurring, named.changed), named)
+    table = nearest_tags(recognition.family, recognition.order, named.changed)
     tags = codes_of(values_of(pixels), table)
     counts = count_codes(tags, table)
     unknown = int(counts[UNKNOWN_TAG])
     share = 100.0 * unknown / float(counts.sum())
     return Segmentation(
         codes=PixelCodes.of_tags(tags, UNKNOWN_TAG, counts),
-        family=named.changed.target(found.family),
+        family=named.changed.target(recognition.family),
         encoding="palette",
-        channel_order=found.order,
+        channel_order=recognition.order,
         lossy=True,
         unknown_pixels=unknown,
         notes=(
-            *found.notes,
+            *recognition.notes,
             f"lossy: tags by the nearest colour, {share:.2f} % of the pixels "
             "are too far from any",
         ),
-        rivals=_rivals(found, named.changed),
-        readings=frozenset(found.readings),
+        rivals=_rivals(recognition, named.changed),
+        readings=frozenset(recognition.readings),
     )
 
 
@@ -241,11 +251,11 @@ _MOST_GREY_PERCENT: Final = 95.0
 
 
 def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
-    """Refuse (H, W, 3) red, green, blue unlike colours of a palette that a JPEG has
-    changed.
+    """Refuse an image unlike one in a palette's colours that a JPEG has changed.
 
-    Raises `SegmentationError` (``foreign_colors``): it is a photo or another sensor's
-    image, in which some colours happen to be near a palette's.
+    `pixels` are (H, W, 3) red, green, blue. Raises `SegmentationError`
+    (``foreign_colors``): it is a photo or another sensor's image, in which some colours
+    happen to be near a palette's.
     """
     if why := _unlike_palettes(pixels):
         raise SegmentationError(
@@ -489,11 +499,11 @@ def _proved_family(counts: IntArray) -> str:
 def _refuse_contradiction(counts: IntArray, family: str, named: NamedReading) -> None:
     if family == PAPER_TABLE:
         return
-    known = len(palette_of(family).tags)
-    beyond = np.flatnonzero(counts[known : LAST_TAG + 1])
+    tag_count = len(palette_of(family).tags)
+    beyond = np.flatnonzero(counts[tag_count : LAST_TAG + 1])
     if not len(beyond):
         return
-    tag = known + int(beyond[-1])
+    tag = tag_count + int(beyond[-1])
     others = " or ".join(
         other
         for other, palette in FAMILIES.items()

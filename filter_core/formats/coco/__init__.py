@@ -135,12 +135,12 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     # Files for other tasks, each with the file that has the boxes of its images
     there = set(paths)
     tasks = ((path, task) for path in paths for task in _OTHER_TASKS)
-    found = (
+    pairs = (
         (path, path.with_name(path.name.replace(task, _INSTANCES, 1)))
         for path, task in tasks
         if path.name.startswith(task)
     )
-    repeating = {path: boxes for path, boxes in found if boxes in there}
+    repeating = {path: boxes for path, boxes in pairs if boxes in there}
     indices = [
         index_coco(path, _name_in(path, folder))
         for path in paths
@@ -149,7 +149,8 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     streams = Streams(folder, options)
     rows, unmatched = _match(folder, indices, streams)
     rows = [
-        (_with_outside_image(frame, one, folder, options), one) for frame, one in rows
+        (_with_outside_image(frame, entry, folder, options), entry)
+        for frame, entry in rows
     ]
     notes = [
         *streams.notes,
@@ -158,14 +159,14 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
             for path, boxes in repeating.items()
         ),
     ]
-    missing = [one for frame, one in rows if not frame.image and not frame.problem]
+    missing = [entry for frame, entry in rows if not frame.image and not frame.problem]
     if missing:
         notes.append(
             f"{len(missing)} of {len(rows)} images that are listed were not found, the "
             f"first is {shown(missing[0].path)}"
         )
     tell_parts = options.split in ("auto", "labels")
-    parts = {one.name: part_of_labels(one.name) for one in indices if tell_parts}
+    parts = {index.name: part_of_labels(index.name) for index in indices if tell_parts}
     return FrameSet(
         layout="coco",
         frames=lambda: _frames(rows, parts),
@@ -175,7 +176,7 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         notes=lambda: tuple(notes),
         streams=streams.facts,
         texts=lambda: [path for path in paths if path not in repeating],
-        parts=Counter(one.index.name for _, one in rows),
+        parts=Counter(entry.index.name for _, entry in rows),
     )
 
 
@@ -223,42 +224,45 @@ def _match(
             except LayoutError as exc:
                 nameless.append(Unmatched(index.name, exc.detail))
     # The names with their images: each the file whose path ends most alike
-    bases = Counter(last_name(one.path) for one in listed)
+    bases = Counter(last_name(entry.path) for entry in listed)
     taken: list[str | None] = []
-    for one in listed:
-        depth = one.path.count("/") + 1
-        least = 1 if bases[last_name(one.path)] == 1 else 2
+    for entry in listed:
+        depth = entry.path.count("/") + 1
+        least = 1 if bases[last_name(entry.path)] == 1 else 2
         image = None
-        if one.part:
-            image = images.take_named(f"{one.part}/{one.path}", least=depth + 1)
-        taken.append(image or images.take_named(one.path, least=least))
+        if entry.part:
+            image = images.take_named(f"{entry.part}/{entry.path}", least=depth + 1)
+        taken.append(image or images.take_named(entry.path, least=least))
     uses = Counter(taken)
     named = []
-    for one, image in zip(listed, taken, strict=True):
-        exact = image is not None and frame_key(image) == frame_key(one.path)
+    for entry, image in zip(listed, taken, strict=True):
+        exact = image is not None and frame_key(image) == frame_key(entry.path)
         # A file that only resembles several names is not known to be any of them.
         sure = image if exact or uses[image] == 1 else None
-        own = frame_key(sure) if one.is_elsewhere and sure else one.key
-        named.append(replace(one, image=sure, key=one.key if one.is_ours else own))
+        own = frame_key(sure) if entry.is_elsewhere and sure else entry.key
+        named.append(
+            replace(entry, image=sure, key=entry.key if entry.is_ours else own)
+        )
     suffixes: dict[str, set[str]] = {}
-    for one in named:
-        suffixes.setdefault(one.key, set()).add(PurePosixPath(one.path).suffix)
+    for entry in named:
+        suffixes.setdefault(entry.key, set()).add(PurePosixPath(entry.path).suffix)
     named = [
-        replace(one, key=f"{one.key}{PurePosixPath(one.path).suffix}")
-        if not one.is_ours and len(suffixes[one.key]) > 1
-        else one
-        for one in named
+        replace(entry, key=f"{entry.key}{PurePosixPath(entry.path).suffix}")
+        if not entry.is_ours and len(suffixes[entry.key]) > 1
+        else entry
+        for entry in named
     ]
-    seen = Counter(one.key for one in named)
+    seen = Counter(entry.key for entry in named)
     names = (
-        FrameFileNames(one.key, f"{frame_key(one.path)}.", one.image) for one in named
+        FrameFileNames(entry.key, f"{frame_key(entry.path)}.", entry.image)
+        for entry in named
     )
     completed, left_over = streams.complete(names, "image of a COCO file")
     files, shared = _of_one_frame_each([*completed], folder)
     rows = [
-        (replace(frame_of(file, folder), label=None, problem=problem), one)
-        for file, one in zip(files, named, strict=True)
-        for problem in [_problem(one, seen[one.key])]
+        (replace(frame_of(file, folder), label=None, problem=problem), entry)
+        for file, entry in zip(files, named, strict=True)
+        for problem in [_problem(entry, seen[entry.key])]
     ]
     more = len(nameless) - _MOST_NAMELESS
     why = f"{more:,} more images without a file_name"
@@ -341,34 +345,34 @@ def _of_one_frame_each(
     lost: dict[str, set[Path]] = {}
     unclear = []
     for path, sharing in users.items():
-        if len({one.image for one in sharing}) == 1:
+        if len({frame.image for frame in sharing}) == 1:
             continue
         alike = [
-            one
-            for one in sharing
-            if PurePosixPath(one.image or "").suffix.lower() == path.suffix.lower()
+            frame
+            for frame in sharing
+            if PurePosixPath(frame.image or "").suffix.lower() == path.suffix.lower()
         ]
-        for one in sharing:
-            if len(alike) != 1 or one is not alike[0]:
-                lost.setdefault(one.key, set()).add(path)
+        for frame in sharing:
+            if len(alike) != 1 or frame is not alike[0]:
+                lost.setdefault(frame.key, set()).add(path)
         if len(alike) != 1:
-            names = " or ".join(one.key for one in sharing[:_MOST_NAMED])
+            names = " or ".join(frame.key for frame in sharing[:_MOST_NAMED])
             why = f"may belong to {names}, so it is not used"
             inside = path.is_relative_to(folder)
             name = path.relative_to(folder).as_posix() if inside else path.name
             unclear.append(Unmatched(name, why))
     own = [
         replace(
-            one,
+            frame,
             files={
                 role: path
-                for role, path in one.files.items()
-                if path not in lost[one.key]
+                for role, path in frame.files.items()
+                if path not in lost[frame.key]
             },
         )
-        if one.key in lost
-        else one
-        for one in frames
+        if frame.key in lost
+        else frame
+        for frame in frames
     ]
     return own, unclear
 
@@ -377,12 +381,12 @@ _MOST_NAMED: Final = 3
 """Images with the same id that an error names; further ones are counted."""
 
 
-def _problem(one: _Name, seen: int) -> FilterError | None:
-    index, row = one.index, one.row
+def _problem(entry: _Name, seen: int) -> FilterError | None:
+    index, row = entry.index, entry.row
     if seen > 1:
         return LayoutError(
             f"{index.name}, images[{row}]: expected each file_name once, found "
-            f"{one.key!r} {seen} times"
+            f"{entry.key!r} {seen} times"
         )
     same = index.repeated.get(row)
     if same is None:
@@ -458,14 +462,14 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
 _IMAGE_KEYS: Final = frozenset({"id", "file_name", "width", "height", "key"})
 
 
-def _annotation(one: _Name) -> dict[str, object]:
+def _annotation(entry: _Name) -> dict[str, object]:
     """An image and its boxes; only files that `CocoWriter` wrote give a ``key``."""
-    image = one.index.image(one.row)
+    image = entry.index.image(entry.row)
     kept = {k: v for k, v in image.items() if k not in _IMAGE_KEYS}
     ours = isinstance(image.get("key"), str)
     if not ours:
         kept = _beside(kept, KNOWN_FRAME_KEYS)
-    annotation: dict[str, object] = {**kept, "boxes": list(_boxes(one, ours=ours))}
+    annotation: dict[str, object] = {**kept, "boxes": list(_boxes(entry, ours=ours))}
     size = {key: image.get(key) for key in ("width", "height")}
     has_size = all(type(side) is int and side > 0 for side in size.values())
     if "camera" not in annotation and has_size:
@@ -477,38 +481,40 @@ _OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"}
 """Keys of an annotation that are interpreted; all others are only kept."""
 
 
-def _boxes(one: _Name, *, ours: bool) -> Iterator[dict[str, object]]:
-    boxes = list(one.index.boxes(one.row))
+def _boxes(entry: _Name, *, ours: bool) -> Iterator[dict[str, object]]:
+    boxes = list(entry.index.boxes(entry.row))
     ids = [_own_id(box) for box in boxes if "id" in box]
     # If an id occurs twice, the boxes are identified by their positions instead.
     use_ids = len(set(ids)) == len(boxes)
-    for number, given in enumerate(boxes):
-        at = f"{one.index.name}, annotation {str(given.get('id', number))[:40]!r}"
-        category = coco_id(given.get("category_id"))
-        name = None if category is None else one.index.names.get(category)
+    for number, annotation in enumerate(boxes):
+        at = (
+            f"{entry.index.name}, annotation {str(annotation.get('id', number))[:40]!r}"
+        )
+        category = coco_id(annotation.get("category_id"))
+        name = None if category is None else entry.index.names.get(category)
         if name is None:
             raise LayoutError(
                 f"{at}: expected the id of a category, found "
-                f"{str(given.get('category_id'))[:40]!r}"
+                f"{str(annotation.get('category_id'))[:40]!r}"
             )
-        kept = {key: value for key, value in given.items() if key not in _OURS}
+        kept = {key: value for key, value in annotation.items() if key not in _OURS}
         box = {
-            **({"id": _own_id(given)} if use_ids else {}),
+            **({"id": _own_id(annotation)} if use_ids else {}),
             "class": name,
-            "xywh": given.get("bbox"),
+            "xywh": annotation.get("bbox"),
             **_beside(kept, KNOWN_BOX_KEYS),
         }
-        attributes = given.get("attributes")
+        attributes = annotation.get("attributes")
         if isinstance(attributes, dict) and ours:
             # The keys that `CocoWriter` stored under ``attributes``
-            known: dict[str, object] = {
+            stored: dict[str, object] = {
                 key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
             }
             written = (*_OUR_ATTRIBUTES, "verdict", "reason")
             rest = {
                 key: value for key, value in attributes.items() if key not in written
             }
-            box |= {**known, "attributes": rest} if rest else known
+            box |= {**stored, "attributes": rest} if rest else stored
         elif attributes is not None:
             box["attributes"] = attributes
         yield box
@@ -522,10 +528,10 @@ def _own_id(box: Mapping[str, object]) -> str:
 _OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")
 
 
-def _beside(given: dict[str, object], known: frozenset[str]) -> dict[str, object]:
+def _beside(raw: dict[str, object], known_keys: frozenset[str]) -> dict[str, object]:
     """Unknown keys of a file; keys that have a meaning here are put under ``extra``."""
-    clashing = {key: value for key, value in given.items() if key in known}
-    free = {key: value for key, value in given.items() if key not in known}
+    clashing = {key: value for key, value in raw.items() if key in known_keys}
+    free = {key: value for key, value in raw.items() if key not in known_keys}
     return {**free, "extra": clashing} if clashing else free
 
 
@@ -677,20 +683,20 @@ class _CocoFile:
     def add(self, out: OutFrame, stored: Mapping[str, object]) -> None:
         frame = out.frame
         number = self._image_ids.take(stored.get("image_id"))
-        known = {
+        kept = {
             key: value
             for key, value in frame.given.frame.items()
             if key in _WRITTEN_KEYS
         }
         if frame.split and frame.split != part_of_labels(_file_name(out.part)):
-            known["split"] = frame.split
+            kept["split"] = frame.split
         if frame.given.camera is not None:
-            known["camera"] = frame.given.frame["camera"]
+            kept["camera"] = frame.given.frame["camera"]
         extra = dict(frame.given.frame_extra())
         extra.pop(SOURCE_LABELS, None)  # in another format
         image = {
             **extra,
-            **known,
+            **kept,
             **({"map": frame.map} if frame.map is not None else {}),
             "id": number,
             "file_name": f"{out.stem}{out.suffix}",
@@ -700,13 +706,13 @@ class _CocoFile:
         }
         self._images.add(image, by_key=True)
         ids = self._ids
-        for one in out.boxes:
-            described = _described(one, frame, is_tight=self._is_tight)
+        for box in out.boxes:
+            described = _described(box, frame, is_tight=self._is_tight)
             if stored:
-                given = frame.given.boxes[one.row]
-                described = _as_came(described, given, is_given=self._is_given)
-            own = ids.take(_number_of(frame, one.row)) if stored else ids.new()
-            described["category_id"] = self._categories.number(one.class_number)
+                raw = frame.given.boxes[box.row]
+                described = _as_came(described, raw, is_given=self._is_given)
+            own = ids.take(_number_of(frame, box.row)) if stored else ids.new()
+            described["category_id"] = self._categories.number(box.class_number)
             described["id"] = own
             described["image_id"] = number
             self._annotations.add(described, by_key=True)
@@ -728,26 +734,26 @@ class _CocoFile:
 
 
 def _described(
-    one: LabelBox, frame: ExportFrame, *, is_tight: bool
+    box: LabelBox, frame: ExportFrame, *, is_tight: bool
 ) -> dict[str, object]:
     """One annotation, without its own id and that of its image.
 
     `is_tight`: its rectangle is that of the visible pixels, and not the given one.
     """
-    x_min, y_min, x_max, y_max = one.xyxy
+    x_min, y_min, x_max, y_max = box.xyxy
     bbox = [_round(v) for v in (x_min, y_min, x_max - x_min, y_max - y_min)]
-    kept = frame.given.box_extra(one.row)
+    kept = frame.given.box_extra(box.row)
     if is_tight:
         # An outline and an area that came with a box are those of its given rectangle.
         kept.pop("segmentation", None)
         kept.pop("area", None)
-    if one.is_cut or "area" not in kept:
+    if box.is_cut or "area" not in kept:
         kept["area"] = _round(bbox[2] * bbox[3])
-    row = one.row
-    boxes, given = frame.boxes, frame.given.boxes[row]
-    own = given.get("attributes")
+    row = box.row
+    boxes, raw = frame.boxes, frame.given.boxes[row]
+    own = raw.get("attributes")
     attributes = dict(own) if isinstance(own, Mapping) else {}
-    attributes |= {key: given[key] for key in _ATTRIBUTES if key in given}
+    attributes |= {key: raw[key] for key in _ATTRIBUTES if key in raw}
     attributes["id"] = boxes.ids[row]
     distance = float(boxes.distance[row])
     if not math.isnan(distance):
@@ -760,7 +766,7 @@ def _described(
         "segmentation": [],
         "iscrowd": 0,
         **kept,
-        **({"iscrowd": 1} if one.ignored else {}),
+        **({"iscrowd": 1} if box.ignored else {}),
         "bbox": bbox,
         "attributes": attributes,
     }
@@ -771,7 +777,7 @@ _COMPOSED: Final = ("segmentation", "iscrowd", "area", "attributes")
 
 
 def _as_came(
-    described: dict[str, object], given: Mapping[str, object], *, is_given: bool
+    described: dict[str, object], raw: Mapping[str, object], *, is_given: bool
 ) -> dict[str, object]:
     """An annotation with only the keys that it came with, and its own numbers."""
     attributes = described["attributes"]
@@ -780,14 +786,14 @@ def _as_came(
         key: value
         for key, value in described.items()
         if key not in _COMPOSED
-        or key in given
+        or key in raw
         or (key == "iscrowd" and value)
         or (key == "attributes" and is_rejected)
     }
     if "attributes" in own and not is_rejected:
-        own["attributes"] = given["attributes"]
-    if is_given and "xywh" in given:
-        own["bbox"] = given["xywh"]
+        own["attributes"] = raw["attributes"]
+    if is_given and "xywh" in raw:
+        own["bbox"] = raw["xywh"]
     return own
 
 

@@ -51,9 +51,9 @@ class Recorder(NamedTuple):
     @property
     def patterns(self) -> FilePatterns:
         """Where its files are."""
-        found = self.values["files"]
-        assert isinstance(found, FilePatterns), "each description has `files`"
-        return found
+        patterns = self.values["files"]
+        assert isinstance(patterns, FilePatterns), "each description has `files`"
+        return patterns
 
     def below(self, folder: str) -> Recorder:
         """Its recordings in folders of that name."""
@@ -67,33 +67,39 @@ class Recorder(NamedTuple):
 @cache
 def recorders() -> tuple[Recorder, ...]:
     """The recorders that are known, in the order of their names."""
-    known = []
-    for file in sorted(files(__package__).iterdir(), key=lambda one: one.name):
+    all_recorders = []
+    for file in sorted(files(__package__).iterdir(), key=lambda entry: entry.name):
         if file.name.endswith(".yaml"):
             document = parse_yaml(file.read_bytes())
             assert isinstance(document, dict), file.name
-            known.append(Recorder(document.pop("recorder"), values_of(document)))
-    return tuple(known)
+            all_recorders.append(
+                Recorder(document.pop("recorder"), values_of(document))
+            )
+    return tuple(all_recorders)
 
 
 def recorder_of(folder: Path) -> Recorder | None:
     """The recorder whose files these are, right in the folder or in folders in it."""
     if not folder.is_dir():
         return None
-    known = recorders()
+    all_recorders = recorders()
     paths = [*walk(folder, None)]
     suffixes = {split_name(path)[1].lower() for path in paths}
-    for one in (*known, *(each.below(_RUN) for each in known)):
-        labels = one.patterns.roles[LABELS]
+    for recorder in (*all_recorders, *(each.below(_RUN) for each in all_recorders)):
+        labels = recorder.patterns.roles[LABELS]
         suffix = split_name(labels.text)[1]  # most recorders write another one
         if not {*"{}*/"} & {*suffix} and suffix.lower() not in suffixes:
             continue
         if not any(labels.match(path) is not None for path in paths):
             continue
-        matched = PatternFiles(folder, one.patterns, paths)
+        matched = PatternFiles(folder, recorder.patterns, paths)
         frames = matched.frames(None)
         if FRAME in labels.names:
-            roles = one.patterns.roles.keys() & {"segmentation", "depth", "instances"}
+            roles = recorder.patterns.roles.keys() & {
+                "segmentation",
+                "depth",
+                "instances",
+            }
             whole = (
                 each
                 for each in frames
@@ -103,8 +109,8 @@ def recorder_of(folder: Path) -> Recorder | None:
         else:
             files = [*matched.labels.items()] if frames else []
         looked_at = files[:_LOOKED_AT]
-        if files and all(_fits(folder, one, *each) for each in looked_at):
-            return one
+        if files and all(_fits(folder, recorder, *each) for each in looked_at):
+            return recorder
     return None
 
 
@@ -113,8 +119,8 @@ def _fits(folder: Path, recorder: Recorder, name: str, values: Values) -> bool:
     fields = recorder.values.get("fields")
     cameras = recorder.values.get("cameras")
     if isinstance(cameras, CameraPlaces):
-        names = (one.filled(values) for one in cameras.files)
-        if not all((folder / one).is_file() for one in names):
+        names = (file.filled(values) for file in cameras.files)
+        if not all((folder / file_name).is_file() for file_name in names):
             return False
     reader = BoxReader(fields if isinstance(fields, BoxFields) else BoxFields())
     try:

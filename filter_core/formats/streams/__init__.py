@@ -120,7 +120,7 @@ class Streams:
         if named is not None:
             elsewhere["segmentation"] = named
         facts = [*facts_of(roles.parts, folder, root or folder)]
-        facts = [one for one in facts if one.role not in elsewhere]
+        facts = [fact for fact in facts if fact.role not in elsewhere]
         for role, place in elsewhere.items():
             names = described.others(walk(place, IMAGE_SUFFIXES), place)
             own = self._by_role[role] = [image_at(name, place) for name in names]
@@ -159,7 +159,7 @@ class Streams:
         used = [role for role in USED if self._by_role[role]]
         keys: list[Image] = []
         if used or described or self._pictures:
-            names = (one.image or one.label for one in incomplete)
+            names = (frame.image or frame.label for frame in incomplete)
             keys = [
                 self._pictures.get(name) or image_at(name, Path()) for name in names
             ]
@@ -174,7 +174,7 @@ class Streams:
         }
         same: dict[str, list[Unmatched]] = {role: [] for role in indices}
 
-        def with_files(one: FrameFileNames, key: Image) -> FrameFileNames:
+        def with_files(frame: FrameFileNames, key: Image) -> FrameFileNames:
             files: dict[str, Path] = {}
             for role, own in indices.items():
                 taken = [image for index in own if (image := index.take(key))]
@@ -184,8 +184,8 @@ class Streams:
                     Unmatched(image.name, SAME_FRAME.format(taken[0].name))
                     for image in taken[1:]
                 )
-            town = (key.values or {}).get(MAP) if has_maps else one.map
-            return replace(one, files=files, map=town)
+            town = (key.values or {}).get(MAP) if has_maps else frame.map
+            return replace(frame, files=files, map=town)
 
         completed = incomplete
         if keys:
@@ -194,9 +194,9 @@ class Streams:
         for role, own in indices.items():
             why = f"no {without} for this {_NOUNS[role]}"
             left_over += same[role]
-            left_over += (one for each in own for one in each.left_over(why))
+            left_over += (file for each in own for file in each.left_over(why))
         for role, why in _UNUSED.items():
-            left_over += (Unmatched(one.name, why) for one in self._by_role[role])
+            left_over += (Unmatched(image.name, why) for image in self._by_role[role])
         return completed, tuple(left_over)
 
     def without_pictures(self) -> list[FrameFileNames]:
@@ -301,18 +301,19 @@ def listed_frames(
     images = FileIndex(streams.images)
     files, left_over = streams.complete(named_images(names, images), noun)
     with_own = with_keys(folder, files, ordered=False)
-    seen = Counter(one.key for one in with_own)
+    seen = Counter(frame.key for frame in with_own)
     frames = [
         replace(
-            frame_of(one, folder),
+            frame_of(frame, folder),
             label=None,
             problem=LayoutError(
-                f"{one.key}: expected one {noun} for each image, found {seen[one.key]}"
+                f"{frame.key}: expected one {noun} for each image, "
+                f"found {seen[frame.key]}"
             )
-            if seen[one.key] > 1
+            if seen[frame.key] > 1
             else None,
         )
-        for one in with_own
+        for frame in with_own
     ]
     unmatched = (*images.left_over(f"no {noun} lists this image"), *left_over)
     return FrameSet(

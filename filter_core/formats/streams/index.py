@@ -115,24 +115,24 @@ class ImageIndex:
         self._images = images
         self._is_used = bytearray(len(images))
         self._same: dict[str, Unmatched] = {}
-        self._by_picture = PlacesByKey(one.picture for one in images)
-        self._by_frame = PlacesByKey(one.frame for one in images)
-        self._by_base = PlacesByKey(last_name(one.frame) for one in images)
-        self._frames = PlacesByKey(one.frame for one in frames)
-        self._bases = PlacesByKey(last_name(one.frame) for one in frames)
-        self._by_folder = PlacesByKey(one.name.rpartition("/")[0] for one in images)
-        self._folders = PlacesByKey(one.name.rpartition("/")[0] for one in frames)
+        self._by_picture = PlacesByKey(image.picture for image in images)
+        self._by_frame = PlacesByKey(image.frame for image in images)
+        self._by_base = PlacesByKey(last_name(image.frame) for image in images)
+        self._frames = PlacesByKey(frame.frame for frame in frames)
+        self._bases = PlacesByKey(last_name(frame.frame) for frame in frames)
+        self._by_folder = PlacesByKey(image.name.rpartition("/")[0] for image in images)
+        self._folders = PlacesByKey(frame.name.rpartition("/")[0] for frame in frames)
         nameless = [
-            (place, one)
-            for place, one in enumerate(images)
-            if one.role is None or one.values is not None
+            (place, image)
+            for place, image in enumerate(images)
+            if image.role is None or image.values is not None
         ]
         self._by_place: dict[str, list[int]] = {}
-        for place, one in nameless:
-            for path in _places(one):
+        for place, image in nameless:
+            for path in _places(image):
                 self._by_place.setdefault(path, []).append(place)
         near = frames if nameless else ()
-        self._places = Counter(path for one in near for path in _places(one))
+        self._places = Counter(path for frame in near for path in _places(frame))
 
     def take(self, frame: Image) -> Image | None:
         """The image that belongs to a frame."""
@@ -141,7 +141,7 @@ class ImageIndex:
             places = self._of(self._by_frame, frame.frame, "frame")
             # What a frame is called; a pattern may have its values in another order.
             by_values = self._of(self._by_picture, frame.frame, "picture")
-            places += (one for one in by_values if self._images[one].values)
+            places += (place for place in by_values if self._images[place].values)
         if not places:
             places = (
                 self._of_this_base(frame)
@@ -152,7 +152,7 @@ class ImageIndex:
             return None
         # Of several images, those in a folder of their own come first.
         first, *others = sorted(
-            dict.fromkeys(places), key=lambda one: not self._images[one].in_folder
+            dict.fromkeys(places), key=lambda place: not self._images[place].in_folder
         )
         self._is_used[first] = True
         for place in others:
@@ -165,7 +165,9 @@ class ImageIndex:
 
     def _of(self, index: PlacesByKey, key: str, of: str) -> list[int]:
         """The places of the images with this ``picture`` or ``frame``."""
-        return [one for one in index.of(key) if getattr(self._images[one], of) == key]
+        return [
+            place for place in index.of(key) if getattr(self._images[place], of) == key
+        ]
 
     def _of_this_base(self, frame: Image) -> list[int]:
         """Images are often in a flat folder although pictures are not, or the reverse.
@@ -218,7 +220,7 @@ class ImageIndex:
             return []
         image = self._images[places[0]]
         same_place = image.name.rpartition("/")[0] == folder
-        numbers = [DIGITS.findall(stem_of(one)) for one in (frame, image)]
+        numbers = [DIGITS.findall(stem_of(picture)) for picture in (frame, image)]
         fits = numbers[0] == numbers[1] or not all(numbers)
         return [places[0]] if same_place and fits and image.in_words else []
 
@@ -269,7 +271,7 @@ class DescribedIndex:
 
     def left_over(self, why: str) -> list[Unmatched]:
         """Files that belong to no frame, and those of a frame that has another."""
-        unused = {one.path: one for one in self._by_key.left_over(why)}
+        unused = {file.path: file for file in self._by_key.left_over(why)}
         return [
             Unmatched(name, self._by_values.unused.get(name) or unused[name].why)
             for name in self._files.keys() - self._taken

@@ -100,10 +100,10 @@ def _links(folder: Path) -> Iterator[Path]:
     """Links to folders that some reader enters, and to files that one opens."""
     try:
         with os.scandir(folder) as entries:
-            found = sorted(entries, key=lambda entry: entry.name)
+            ordered = sorted(entries, key=lambda entry: entry.name)
     except OSError:  # no reader can list it, either
         return
-    for entry in found:
+    for entry in ordered:
         if entry.is_symlink():
             path = folder / entry.name
             is_entered = path.is_dir() and not is_hidden(entry.name)

@@ -89,7 +89,7 @@ class _Endings:
         frames: Mapping[tuple[str, str], int],
     ) -> list[tuple[tuple[str, str], str]]:
         """The splits by which many frames differ; names of frames are in few."""
-        partners = [one for one in splits if len(self._by_rest[one[0]]) > 1]
+        partners = [split for split in splits if len(self._by_rest[split[0]]) > 1]
         counts = [frames[rest[0], ending] for rest, ending in partners]
         most = max(counts, default=0)
         return [
@@ -196,13 +196,13 @@ class Roles:
         streams = self._streams(images)
         firsts = {stream.images[0].frame for stream in streams}
         pictures = firsts.intersection(
-            one.frame for one in images if one.role in (None, "image")
+            image.frame for image in images if image.role in (None, "image")
         )
         bases = set(map(last_name, firsts)) if len(streams) > 1 else set()
         by_base: dict[str, list[_Stream]] = {base: [] for base in bases}
         for stream in filter(attrgetter("has_colors"), streams):
             for base in bases.intersection(
-                last_name(one.frame) for one in stream.images
+                last_name(image.frame) for image in stream.images
             ):
                 by_base[base].append(stream)
         for stream in streams:
@@ -251,7 +251,11 @@ class Roles:
             seen = (look_of(image.path) for image in samples)
             looks[kind] = frozenset(look for look in seen if look)
             sampled = {image.name for image in samples}
-            rest = [one for one in members if not sampled & {each.name for each in one}]
+            rest = [
+                images
+                for images in members
+                if not sampled & {each.name for each in images}
+            ]
             if samples or not most:
                 (taken if samples else named).extend(rest)
         if taken:
@@ -272,7 +276,7 @@ class Roles:
             )
             for key in ordered
         ]
-        empty = [one.images for one in streams if not one.has_content]
+        empty = [stream.images for stream in streams if not stream.has_content]
         silent = [images for images in empty if images[0].role is None]
         if silent and len(streams) > 1:
             self.notes.append(
@@ -375,9 +379,11 @@ def _sum(streams: Sequence[Sequence[Image]]) -> str:
 
 
 class _Beside(NamedTuple):
-    """What is beside an image: a picture that it could belong to, if it is none itself
-    (`partner`); one of the same name that is not grey (`in_color`); and one of the same
-    name whose path says that it is a picture (`named`).
+    """What is beside an image.
+
+    A picture that it could belong to, if it is none itself (`partner`); one of the same
+    name that is not grey (`in_color`); and one of the same name whose path says that it
+    is a picture (`named`).
     """
 
     partner: bool

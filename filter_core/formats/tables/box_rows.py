@@ -114,7 +114,7 @@ class BoxReader:
             return isinstance(value, list) and isinstance(next(iter(value), {}), dict)
         if self._fields.lists is not None:
             lists = (path.of(value) for path in self._fields.lists.values())
-            return any(isinstance(one, list) for one in lists)
+            return any(isinstance(rows, list) for rows in lists)
         return self._usual_list(value) is not None
 
     def boxes_in(self, document: object, at: str) -> Iterator[tuple[str, Row]]:
@@ -141,11 +141,11 @@ class BoxReader:
             if rows is not None:
                 yield "", rows
                 return
-        found = shown(document)
+        text = shown(document)
         if isinstance(document, Mapping):
-            found = f"an object of {', '.join(map(str, document))[:200] or 'nothing'}"
+            text = f"an object of {', '.join(map(str, document))[:200] or 'nothing'}"
         raise LayoutError(
-            f"{at}: expected a list of boxes, found {found}; `boxes: {{fields: "
+            f"{at}: expected a list of boxes, found {text}; `boxes: {{fields: "
             "{boxes: ...}}}` in recording.yaml says where it is"
         )
 
@@ -174,7 +174,7 @@ class BoxReader:
 
         A list with one value of each box, beside lists of others, is a column.
         """
-        lists = [one for one in document.values() if isinstance(one, list)]
+        lists = [value for value in document.values() if isinstance(value, list)]
         for name in USUAL_LISTS:
             rows = document.get(name)
             if isinstance(rows, list):
@@ -197,7 +197,7 @@ class BoxReader:
             return [document]
         lengths = {len(column) for column in columns.values()}
         if len(lengths) > 1:
-            sizes = (f"{name} {len(one)}" for name, one in columns.items())
+            sizes = (f"{name} {len(column)}" for name, column in columns.items())
             raise LayoutError(
                 f"{at}: expected as many values of each field, found {', '.join(sizes)}"
             )
@@ -380,9 +380,9 @@ class _Row:
         for name in FORMS_BY_FIELDS[form]:
             path = self.names[name]
             if isinstance(path, Path) and not path.begins_in(self.row.value):
-                found = _keys_of(self.row.value)
+                keys = _keys_of(self.row.value)
                 raise LayoutError(
-                    f"{self.row.at}: expected {name} under {path.text}, found {found}"
+                    f"{self.row.at}: expected {name} under {path.text}, found {keys}"
                 )
 
     def _notation(self, name: str, value: object) -> str:

@@ -100,7 +100,7 @@ class CameraPlaces:
                     "path": place.path,
                     "negated": list(place.negated),
                 }
-                document[key] = {name: one for name, one in said.items() if one}
+                document[key] = {name: value for name, value in said.items() if value}
             else:
                 document[key] = place.text if isinstance(place, Path) else place
         return document
@@ -108,16 +108,18 @@ class CameraPlaces:
     @property
     def files(self) -> tuple[FilePattern, ...]:
         """The files that it names."""
-        found = (one.file for one in self.places.values() if isinstance(one, InFile))
-        return tuple(dict.fromkeys(found))
+        files = (
+            place.file for place in self.places.values() if isinstance(place, InFile)
+        )
+        return tuple(dict.fromkeys(files))
 
     def below(self, folder: str) -> CameraPlaces:
         """The same in a folder, which may be a name in braces itself."""
         places = {
-            key: one._replace(file=one.file.below(folder))
-            if isinstance(one, InFile)
-            else one
-            for key, one in self.places.items()
+            key: place._replace(file=place.file.below(folder))
+            if isinstance(place, InFile)
+            else place
+            for key, place in self.places.items()
         }
         return CameraPlaces(places)
 
@@ -137,9 +139,9 @@ class AllowedCameras:
         refuse_unknown_keys(value, KEYS, at=place)
         return CameraPlaces(
             {
-                key: _where(key, one, place)
-                for key, one in value.items()
-                if one is not None
+                key: _where(key, raw, place)
+                for key, raw in value.items()
+                if raw is not None
             }
         )
 
@@ -231,7 +233,7 @@ class Cameras:
     def _world_to_camera(self, values: Values, labels: object) -> FloatArray | None:
         matrix = self._pose(WORLD_TO_CAMERA, values, labels)
         poses = (self._pose(key, values, labels) for key in ("pose", "mount"))
-        both = [one for one in poses if one is not None]
+        both = [pose for pose in poses if pose is not None]
         if matrix is not None or not both:
             return matrix
         pose = np.linalg.multi_dot(both) if len(both) > 1 else both[0]
@@ -266,15 +268,15 @@ class Cameras:
         if isinstance(where, InFile):
             return self._in_file(key, where, values)
         if isinstance(where, Path):
-            where = Path(_NAME.sub(lambda one: _quoted(one, values), where.text))
-            if (found := where.of(labels)) is None:
+            where = Path(_NAME.sub(lambda match: _quoted(match, values), where.text))
+            if (value := where.of(labels)) is None:
                 raise _error(key, None, f"a value in the labels, at {where.text}")
-            return found
+            return value
         if isinstance(where, Mapping) and not where.keys() & _TRANSFORM_KEYS:
-            if (found := where.get(values.get(CAMERA, ""))) is None:
+            if (value := where.get(values.get(CAMERA, ""))) is None:
                 expected = f"a value of camera {values.get(CAMERA)!r}"
                 raise _error(key, dict(where), expected)
-            return found
+            return value
         return where
 
     def _in_file(self, key: str, where: InFile, values: Values) -> object:
@@ -290,14 +292,14 @@ class Cameras:
             if len(self._files) > _MOST_FILES:
                 self._files.pop(next(iter(self._files)))
         if where.path is None:
-            found = file.of(values)
+            value = file.of(values)
         else:
-            path = _NAME.sub(lambda one: _quoted(one, values), where.path)
-            found = checked_path(key, path, "/cameras").of(file.document)
-        if found is None:
+            path = _NAME.sub(lambda match: _quoted(match, values), where.path)
+            value = checked_path(key, path, "/cameras").of(file.document)
+        if value is None:
             about = where.path or f"frame {values.get(FRAME)}"
             raise LayoutError(f"cameras.{key}: {name} has nothing at {about}")
-        return found
+        return value
 
 
 _MOST_FILES: Final = 16
@@ -338,15 +340,15 @@ class _File:
             keys = [(plain(values.get(FRAME, "")), values.get(CAMERA, ""))]
             keys += [(keys[0][0], ""), ("", keys[0][1])]
             return next((self._rows[key] for key in keys if key in self._rows), None)
-        found: object = self.document
+        part: object = self.document
         for name in (FRAME, CAMERA, FRAME):
-            if isinstance(found, Mapping):
-                key = _key_in(found, values.get(name, ""))
-                found = found if key is None else found[key]
-        if found is self.document and isinstance(found, Mapping):
-            keys_in_file = {str(key).lower() for key in found}
-            return found if keys_in_file & _TRANSFORM_KEYS else None
-        return found
+            if isinstance(part, Mapping):
+                key = _key_in(part, values.get(name, ""))
+                part = part if key is None else part[key]
+        if part is self.document and isinstance(part, Mapping):
+            keys_in_file = {str(key).lower() for key in part}
+            return part if keys_in_file & _TRANSFORM_KEYS else None
+        return part
 
     @cached_property
     def _rows(self) -> dict[tuple[str, str], object]:
@@ -354,13 +356,15 @@ class _File:
         rows: dict[tuple[str, str], object] = {}
         for row in self.document if isinstance(self.document, list) else ():
             cells = (fields.cell(name, row) for name in (FRAME, CAMERA))
-            frame, camera = ("" if one is None else str(one).strip() for one in cells)
+            frame, camera = (
+                "" if cell is None else str(cell).strip() for cell in cells
+            )
             rows[plain(frame), camera] = row
         return rows
 
 
-def _key_in(found: Mapping[str, object], value: str) -> str | None:
-    if value in found:
+def _key_in(entries: Mapping[str, object], value: str) -> str | None:
+    if value in entries:
         return value
     same = plain(value)
-    return next((key for key in found if value and plain(str(key)) == same), None)
+    return next((key for key in entries if value and plain(str(key)) == same), None)

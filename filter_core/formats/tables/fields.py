@@ -102,7 +102,7 @@ _OF_BOX3D: Final = ("rotation", "actor")
 
 GEOMETRY_FIELDS: Final = {
     *_OF_BOX3D,
-    *(one for of in FORMS_BY_FIELDS.values() for one in of),
+    *(name for of in FORMS_BY_FIELDS.values() for name in of),
 }
 
 _MAX_PATH: Final = 500
@@ -123,10 +123,10 @@ class Path(NamedTuple):
         if isinstance(row, dict) and self.text in row:
             return row[self.text]
         try:
-            found: object = _compiled(self.text).search(row)
+            value: object = _compiled(self.text).search(row)
         except JMESPathError:  # such as a function of a text that gets a number
             return None
-        return found
+        return value
 
     def begins_in(self, row: object) -> bool:
         """Whether a row has the key that the path begins with."""
@@ -181,10 +181,12 @@ class BoxFields:
     @property
     def document(self) -> dict[str, object]:
         """What a description says."""
-        paths: dict[str, object] = {name: one.text for name, one in self.paths.items()}
+        paths: dict[str, object] = {
+            name: path.text for name, path in self.paths.items()
+        }
         if self.lists is None:
             return paths
-        lists = {name: one.text for name, one in self.lists.items()}
+        lists = {name: path.text for name, path in self.lists.items()}
         return {**paths, BOXES: lists.get("", lists)}
 
 
@@ -202,9 +204,9 @@ class AllowedFields:
         place = f"{at}/{name}"
         refuse_unknown_keys(value, FIELDS, at=place)
         paths = {
-            one: checked_path(one, path, place)
-            for one, path in value.items()
-            if path is not None and one != BOXES
+            field: checked_path(field, path, place)
+            for field, path in value.items()
+            if path is not None and field != BOXES
         }
         # Fields of a geometry must be all that it needs; several geometries may be
         # said, if boxes of one file have different ones.
@@ -222,12 +224,14 @@ class AllowedFields:
             return BoxFields(paths)
         if not isinstance(lists, Mapping):
             return BoxFields(paths, {"": checked_path(BOXES, lists, place)})
-        if not lists or not all(isinstance(one, str) and one for one in lists):
+        if not lists or not all(
+            isinstance(class_name, str) and class_name for class_name in lists
+        ):
             expected = "a path, or paths by the class of boxes"
             raise wrong_value(BOXES, lists, expected, place)
         by_class = {
-            one: checked_path(one, path, f"{place}/{BOXES}")
-            for one, path in lists.items()
+            class_name: checked_path(class_name, path, f"{place}/{BOXES}")
+            for class_name, path in lists.items()
         }
         return BoxFields(paths, by_class)
 
@@ -255,10 +259,10 @@ def _recognised(keys: tuple[Keys, ...]) -> Mapping[str, Keys]:
         name = _SEPARATORS.sub("", _UNIT.sub("", where[-1])).lower()
         by_name.setdefault(name, where)
     fields = {
-        name: by_name[one]
+        name: by_name[word]
         for name, words in _USUAL.items()
-        for one in reversed(words.split())
-        if one in by_name
+        for word in reversed(words.split())
+        if word in by_name
     }
     if {"x0", "y0", "x1", "y1"} <= by_name.keys() and not {"x2", "y2"} & fields.keys():
         # The corners are counted from 0.
@@ -270,9 +274,9 @@ def _recognised(keys: tuple[Keys, ...]) -> Mapping[str, Keys]:
         }
     if {"width", "height"} <= fields.keys():
         for name, words in _LEFT.items():
-            found = next((one for one in words.split() if one in by_name), None)
-            if name not in fields and found is not None:
-                fields[name] = by_name[found]
+            spelling = next((word for word in words.split() if word in by_name), None)
+            if name not in fields and spelling is not None:
+                fields[name] = by_name[spelling]
     return fields
 
 
@@ -293,7 +297,7 @@ def recognised_fields(row: object) -> Mapping[str, Keys]:
         is_rectangle = _SEPARATORS.sub("", str(key)).lower() in _RECTANGLES
         if is_rectangle and isinstance(value, Mapping):
             keys.remove((key,))
-            keys += [(key, one) for one in value if isinstance(one, str)]
+            keys += [(key, name) for name in value if isinstance(name, str)]
     return _recognised(tuple(keys))
 
 
@@ -303,7 +307,7 @@ _RECTANGLES: Final = frozenset(_USUAL["rectangle"].split())
 def forms_of(names: Iterable[str]) -> list[str]:
     """The forms of boxes that are given by fields of these names."""
     own = {*names}
-    return [one for one, of in FORMS_BY_FIELDS.items() if own.issuperset(of)]
+    return [form for form, of in FORMS_BY_FIELDS.items() if own.issuperset(of)]
 
 
 def value_at(row: object, where: Keys) -> object:

@@ -191,8 +191,8 @@ class _Reader:
         pieces. A longer one is parsed again after each MiB, since its parts are counted
         before more is read.
         """
-        wanted = max(self._piece_bytes, min(len(self._text) - self._at, _PIECE))
-        piece = self._file.read(wanted)
+        size = max(self._piece_bytes, min(len(self._text) - self._at, _PIECE))
+        piece = self._file.read(size)
         self._before += self._at
         self._text = self._text[self._at :] + piece.decode("latin-1")
         self._at = 0
@@ -217,11 +217,11 @@ class _Reader:
             ) from exc
 
     def _error(self, expected: str, cause: Exception | None = None) -> LayoutError:
-        found = repr(self._text[self._at : self._at + 20]) if self._text else "the end"
+        text = repr(self._text[self._at : self._at + 20]) if self._text else "the end"
         why = f" ({str(cause)[:60]})" if cause else ""
         return LayoutError(
             f"{self._name}, byte {self._before + self._at}: expected {expected}, found "
-            f"{found}{why}"
+            f"{text}{why}"
         )
 
 

@@ -113,8 +113,8 @@ class FilePattern:
 
     def match(self, path: str) -> dict[str, str] | None:
         """What its names stand for in a path; None if the path does not fit."""
-        found = self._matches(unicodedata.normalize("NFC", path))
-        return None if found is None else found.groupdict()
+        match = self._matches(unicodedata.normalize("NFC", path))
+        return None if match is None else match.groupdict()
 
     def filled(self, values: Values) -> str:
         """The pattern with the values of its names."""
@@ -156,15 +156,19 @@ class FilePatterns:
     @property
     def document(self) -> dict[str, object]:
         """What a description says."""
-        roles: dict[str, object] = {role: one.text for role, one in self.roles.items()}
+        roles: dict[str, object] = {
+            role: pattern.text for role, pattern in self.roles.items()
+        }
         for role, others in self.more.items():
-            roles[role] = [roles[role], *(one.text for one in others)]
-        ignored = [one.text for one in self.ignored]
+            roles[role] = [roles[role], *(pattern.text for pattern in others)]
+        ignored = [pattern.text for pattern in self.ignored]
         return {**roles, IGNORE: ignored} if ignored else roles
 
     @cached_property
     def _by_length(self) -> list[tuple[str, FilePattern]]:
-        more = ((role, one) for role, others in self.more.items() for one in others)
+        more = (
+            (role, pattern) for role, others in self.more.items() for pattern in others
+        )
         every = (*self.roles.items(), *more)
         return sorted(every, key=lambda each: -each[1].fixed)
 
@@ -221,10 +225,10 @@ class FilePatterns:
 
     def below(self, folder: str) -> FilePatterns:
         """The same in a folder, which may be a name in braces itself."""
-        roles = {role: one.below(folder) for role, one in self.roles.items()}
-        ignored = tuple(one.below(folder) for one in self.ignored)
+        roles = {role: pattern.below(folder) for role, pattern in self.roles.items()}
+        ignored = tuple(pattern.below(folder) for pattern in self.ignored)
         more = {
-            role: tuple(one.below(folder) for one in others)
+            role: tuple(pattern.below(folder) for pattern in others)
             for role, others in self.more.items()
         }
         return FilePatterns(roles, ignored, more)
@@ -275,7 +279,7 @@ class AllowedFiles:
                         role, pattern.text, "a pattern with {frame} in it", place
                     )
                 strange = [
-                    one for one in pattern.names if lead and one not in lead.names
+                    name for name in pattern.names if lead and name not in lead.names
                 ]
                 if strange:
                     expected = f"only names that {files.lead} has, too"
@@ -454,10 +458,10 @@ class PatternFiles:
                 f"key: expected only names that files.{self._files.lead} has "
                 f"({', '.join(lead.names)}), found {strange[0]!r}"
             )
-        found: dict[str, PatternFrame] = {}
+        frames: dict[str, PatternFrame] = {}
         for path, values in self._lead:
             name = key.filled(values)
-            if len(name) > MAX_KEY or name in found:
+            if len(name) > MAX_KEY or name in frames:
                 why = f"another frame is called {name[:MAX_KEY]}, too"
                 self._strange.append(Unmatched(path, why))
             else:
@@ -469,11 +473,11 @@ class PatternFiles:
                 }
                 label, image = own.pop(LABELS, ""), own.pop("image", None)
                 others = {role: self._root / file for role, file in own.items()}
-                found[name] = PatternFrame(
+                frames[name] = PatternFrame(
                     FrameFileNames(name, label, image, values.get(MAP), files=others),
                     values,
                 )
-        return [found[name] for name in sorted(found)]
+        return [frames[name] for name in sorted(frames)]
 
     def left_over(self, *, labels: bool = True) -> Iterator[Unmatched]:
         """The files that belong to no frame; without labels if those are read whole."""

@@ -47,8 +47,8 @@ def table_suffix(name: str) -> str:
     """The suffix of a file of rows without that of its compression; else empty."""
     plain = name.lower().removesuffix(GZIP)
     suffix = f".{plain.rpartition('.')[2]}"
-    known = TABLE_SUFFIXES if plain == name.lower() else TABLE_SUFFIXES[:-1]
-    return suffix if suffix in known else ""
+    suffixes = TABLE_SUFFIXES if plain == name.lower() else TABLE_SUFFIXES[:-1]
+    return suffix if suffix in suffixes else ""
 
 
 class Row(NamedTuple):
@@ -80,11 +80,10 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Lines:
-    """A file of rows, each on lines of its own, with the names of their columns, if
-    any.
+    """A file of rows, each on lines of its own.
 
-    Without a delimiter each line is JSON. `first` are all rows but that of the names;
-    errors name the file by `name`.
+    It has the names of their columns, if any. Without a delimiter each line is JSON.
+    `first` are all rows but that of the names; errors name the file by `name`.
     """
 
     name: str
@@ -154,8 +153,8 @@ class _LinesOf:
         if self.position >= self._end:
             raise StopIteration
         start = self.position
-        found = self._content.find(b"\n", start, self._end)
-        self.position = self._end if found < 0 else found + 1
+        newline = self._content.find(b"\n", start, self._end)
+        self.position = self._end if newline < 0 else newline + 1
         return self._content[start : self.position].decode()
 
 
@@ -217,7 +216,10 @@ def _table(content: bytes, name: str, delimiter: str | None) -> Lines:
     try:
         head = next(lines, "")
         if delimiter is None:
-            delimiter = next((one for one in _DELIMITERS if one in head.strip()), ",")
+            delimiter = next(
+                (candidate for candidate in _DELIMITERS if candidate in head.strip()),
+                ",",
+            )
         lines = _LinesOf(content, start, len(content))
         cells = [cell.strip() for cell in next(_reader(lines, delimiter), [])]
     except (csv.Error, UnicodeDecodeError) as exc:
