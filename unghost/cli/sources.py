@@ -254,8 +254,10 @@ class SourceOptions:
 
 
 def _folder_of(source: Path, folder: Path, option: str) -> Path:
-    """The folder that an option names: that in SOURCE, as in recording.yaml, else as
-    the shell has it."""
+    """The folder that an option names.
+
+    It is that in SOURCE, as in recording.yaml, else as the shell has it.
+    """
     home = source if source.is_dir() else source.parent
     for path in (home / folder, folder):
         if path.is_dir():

@@ -73,8 +73,10 @@ class FilterOptions(
     ] = _STDOUT
 
     def __post_init__(self) -> None:
-        """Decisions must not take the place of what they were made from, and are no
-        table."""
+        """Refuse outputs that decisions cannot have.
+
+        They must not take the place of what they were made from, and are no table.
+        """
         super().__post_init__()
         from filter_core.formats.reading import MANIFEST_NAME
 
