@@ -121,9 +121,9 @@ class ServerOptions(OutputOptions):
             try:
                 return Client(self.server, self.token, retry_for=self.retry_for)
             finally:
-                for one in caught:
-                    if issubclass(one.category, IgnoredTokenFile):
-                        self.screen.note(str(one.message))
+                for warning in caught:
+                    if issubclass(warning.category, IgnoredTokenFile):
+                        self.screen.note(str(warning.message))
 
 
 def dataset_names(incomplete: str) -> list[str]:
@@ -236,11 +236,11 @@ def note_unknown_classes(
     named = config.get("classes")
     if not boxes or not isinstance(named, Mapping):
         return
-    known = {*CLASSES, *map(canonical_class, boxes)}
+    classes = {*CLASSES, *map(canonical_class, boxes)}
     for name in named:
-        if canonical_class(name) in known:
+        if canonical_class(name) in classes:
             continue
-        meant = similar(name, {*known, *boxes})
+        meant = similar(name, {*classes, *boxes})
         hint = f"; did you mean {meant!r}?" if meant else ""
         count = sum(boxes.values())
         screen.note(
@@ -262,8 +262,8 @@ def build_command(name: str, action: Action) -> typer.core.TyperCommand:
         for name, hint in get_type_hints(options, include_extras=True).items()
     }
 
-    def call(**given: object) -> None:
-        plain = {name: _plain(value) for name, value in given.items()}
+    def call(**values: object) -> None:
+        plain = {name: _plain(value) for name, value in values.items()}
         try:
             action(options(**plain))
         except KeyboardInterrupt as stop:
