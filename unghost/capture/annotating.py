@@ -89,10 +89,10 @@ class Annotator:
         session, camera = self.session, self.session.scenario.camera
         version, snapshot = self.session.server_version, moment.snapshot
         poses = {
-            one.name: sensor_pose(
-                moment.measured[one.name], one.actor, snapshot, version
+            sensor.name: sensor_pose(
+                moment.measured[sensor.name], sensor.actor, snapshot, version
             )
-            for one in self.sensors
+            for sensor in self.sensors
         }
         main = poses[main_camera(session.scenario)]
         self.poses_differ += main.differs
@@ -104,14 +104,14 @@ class Annotator:
             self._static, self._static_centres, taken, self.left_out
         )
         objects = [*actors, *static]
-        found = []
+        boxes = []
         centres = _corners(objects).mean(axis=1)
         metres: list[float] = np.linalg.norm(
             centres - main.used.location, axis=1
         ).tolist()
-        for one, distance in zip(objects, metres, strict=True):
+        for seen, distance in zip(objects, metres, strict=True):
             if rules.min_distance <= distance <= rules.max_distance:
-                found.append(one.as_annotation(distance, rules.bands))
+                boxes.append(seen.as_annotation(distance, rules.bands))
             else:
                 self.left_out["out_of_range"] += 1
         return {
@@ -132,7 +132,7 @@ class Annotator:
                 for name in _POINT_SENSORS
                 if name in poses
             },
-            "boxes": found,
+            "boxes": boxes,
             "extra": {
                 "capture": {**self._story(moment, main), "missed_before": missed_before}
             },
@@ -160,23 +160,25 @@ class Annotator:
     def _neighbour(self, snapshot: WorldSnapshot) -> dict[str, object]:
         """Poses one tick earlier or later, which show a lag of the images."""
         camera = main_camera(self.session.scenario)
-        sensor = next(one.actor.id for one in self.sensors if one.name == camera)
+        sensor = next(
+            running.actor.id for running in self.sensors if running.name == camera
+        )
         actors = {
-            str(one.id): as_transform(one.get_transform()).as_dict()
-            for one in snapshot
-            if one.id in self._actors.known_ids
+            str(actor.id): as_transform(actor.get_transform()).as_dict()
+            for actor in snapshot
+            if actor.id in self._actors.known_ids
         }
         return {"camera": self._pose_in(snapshot, sensor), "actors": actors}
 
     def _pose_in(
         self, snapshot: WorldSnapshot, actor_id: int
     ) -> dict[str, float] | None:
-        found = snapshot.find(actor_id)
-        return None if found is None else as_transform(found.get_transform()).as_dict()
+        actor = snapshot.find(actor_id)
+        return None if actor is None else as_transform(actor.get_transform()).as_dict()
 
 
 def _corners(objects: Sequence[SeenObject]) -> FloatArray:
-    return boxes3d_vertices(np.array([one.row for one in objects]).reshape(-1, 15))
+    return boxes3d_vertices(np.array([seen.row for seen in objects]).reshape(-1, 15))
 
 
 def _centres(objects: Sequence[SeenObject]) -> list[Triple]:
@@ -204,15 +206,15 @@ def sensor_pose(
 ) -> SensorPose:
     """The poses of a sensor at one tick; which one is used depends on the version."""
     measured = as_transform(measurement.transform)
-    found = snapshot.find(sensor.id)
-    there = as_transform((sensor if found is None else found).get_transform())
+    actor = snapshot.find(sensor.id)
+    there = as_transform((sensor if actor is None else actor).get_transform())
     used = there if has_wrong_metadata(version) else measured
     return SensorPose(measured, there, used)
 
 
-def differs(one: Transform, other: Transform) -> bool:
+def differs(pose: Transform, other: Transform) -> bool:
     """Further apart than a centimetre, or turned by more than a tenth of a degree."""
-    if math.dist(one.location, other.location) > _MAX_SHIFT_M:
+    if math.dist(pose.location, other.location) > _MAX_SHIFT_M:
         return True
-    turns = zip(one.rotation, other.rotation, strict=True)
+    turns = zip(pose.rotation, other.rotation, strict=True)
     return any(abs((a - b + 180) % 360 - 180) > _MAX_TURN_DEG for a, b in turns)

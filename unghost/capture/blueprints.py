@@ -32,24 +32,30 @@ def choose_blueprints(
 
     `ScenarioError` names the key if there are none.
     """
-    found = sorted(world.get_blueprint_library().filter(pattern), key=lambda b: b.id)
-    if not found:
+    blueprints = sorted(
+        world.get_blueprint_library().filter(pattern), key=lambda b: b.id
+    )
+    if not blueprints:
         raise ScenarioError(f"{at}.filter: no blueprint matches {pattern!r}")
     if generation != "all":
-        found = [each for each in found if _is(each, "generation", generation)]
-    if not found:
+        blueprints = [
+            each for each in blueprints if _is(each, "generation", generation)
+        ]
+    if not blueprints:
         raise ScenarioError(
             f"{at}.generation: no blueprint of {pattern!r} is of generation "
             f"{generation}"
         )
-    return found
+    return blueprints
 
 
-def with_wheels(found: list[Blueprint], wheels: Wheels, at: str) -> list[Blueprint]:
+def with_wheels(
+    blueprints: list[Blueprint], wheels: Wheels, at: str
+) -> list[Blueprint]:
     """The blueprints with so many wheels; `ScenarioError` if there are none."""
     if wheels == "all":
-        return found
-    chosen = [each for each in found if _is(each, "number_of_wheels", wheels)]
+        return blueprints
+    chosen = [each for each in blueprints if _is(each, "number_of_wheels", wheels)]
     if not chosen:
         raise ScenarioError(f"{at}.wheels: no blueprint has {wheels} wheels")
     return chosen
@@ -64,8 +70,8 @@ def set_attributes(
     """
     for name, value in attributes.items():
         if not blueprint.has_attribute(name):
-            known = [str(attribute.id) for attribute in blueprint]
-            hint = f"; the nearest is {nearest(name, known)!r}" if known else ""
+            names = [str(attribute.id) for attribute in blueprint]
+            hint = f"; the nearest is {nearest(name, names)!r}" if names else ""
             raise ScenarioError(f"{at}.{name}: {blueprint.id} has no such key{hint}")
         kind = str(blueprint.get_attribute(name).type.name)
         try:
@@ -97,7 +103,7 @@ def randomise(blueprint: Blueprint, dice: random.Random) -> None:
                 blueprint.set_attribute(name, dice.choice(list(offered)))
 
 
-def _is(blueprint: Blueprint, name: str, wanted: int) -> bool:
+def _is(blueprint: Blueprint, name: str, value: int) -> bool:
     # CARLA does not return numbers as text.
     has = blueprint.has_attribute(name)
-    return bool(has and int(blueprint.get_attribute(name).as_int()) == wanted)
+    return bool(has and int(blueprint.get_attribute(name).as_int()) == value)

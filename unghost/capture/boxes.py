@@ -78,15 +78,15 @@ class ActorBoxes:
         """The actors of a tick that have a box; the others are counted by reason."""
         others = (actor for actor in self._actors() if actor.id != ego_id)
         seen = (self._seen(actor, snapshot, left_out) for actor in others)
-        return [one for one in seen if one is not None]
+        return [actor for actor in seen if actor is not None]
 
     def _actors(self) -> Iterator[Actor]:
-        actors, wanted = self._world.get_actors(), self._scenario.boxes
-        if wanted.vehicles:
+        actors, rules = self._world.get_actors(), self._scenario.boxes
+        if rules.vehicles:
             yield from actors.filter("vehicle.*")
-        if wanted.walkers:
+        if rules.walkers:
             yield from actors.filter("walker.pedestrian.*")
-        if wanted.parked_vehicles:
+        if rules.parked_vehicles:
             for prop in actors.filter("static.prop.mesh"):
                 if _PARKED_MESHES in dict(prop.attributes).get("mesh_path", ""):
                     yield prop
@@ -101,14 +101,14 @@ class ActorBoxes:
         if is_dormant(actor):
             left_out["dormant"] += 1
             return None
-        known = self._known.get(actor.id)
-        if known is None:
-            known = self._look_at(actor)
-            if known is None:
+        answer = self._known.get(actor.id)
+        if answer is None:
+            answer = self._look_at(actor)
+            if answer is None:
                 left_out["no_answer"] += 1
                 return None
-            self._known[actor.id] = known
-        named, box = known
+            self._known[actor.id] = answer
+        named, box = answer
         if box is None:
             left_out["impossible_box"] += 1
             return None
@@ -155,15 +155,15 @@ def map_boxes(
     carla: Carla, world: World, scenario: Scenario, left_out: Counter[str]
 ) -> list[SeenObject]:
     """Every object of the map that has a box, once, in world coordinates."""
-    found: list[SeenObject] = []
+    objects: list[SeenObject] = []
     # The simulator may still return boxes of layers that were unloaded.
     layers = scenario.map_layers
     there = layers.get("ParkedVehicles", layers.get("All", True))
     if scenario.boxes.parked_vehicles and there:
-        found += _unique(_parked(carla, world, left_out), left_out)
+        objects += _unique(_parked(carla, world, left_out), left_out)
     if scenario.boxes.traffic_lights:
-        found += _unique(_lights(carla, world, left_out), left_out)
-    return found
+        objects += _unique(_lights(carla, world, left_out), left_out)
+    return objects
 
 
 def without_duplicates(
@@ -174,20 +174,20 @@ def without_duplicates(
 ) -> list[SeenObject]:
     """Objects of the map without those that are actors, whose centres are `taken`."""
     kept = []
-    for one, centre in zip(objects, centres, strict=True):
+    for seen, centre in zip(objects, centres, strict=True):
         if any(math.dist(centre, other) <= SAME_M for other in taken):
             left_out["duplicate"] += 1
         else:
-            kept.append(one)
+            kept.append(seen)
     return kept
 
 
 def _unique(objects: Iterable[SeenObject], left_out: Counter[str]) -> list[SeenObject]:
     kept: list[SeenObject] = []
-    for one in objects:
+    for seen in objects:
         taken = [other.box.location for other in kept]
-        centre = one.box.location
-        kept += without_duplicates([one], [centre], taken, left_out)
+        centre = seen.box.location
+        kept += without_duplicates([seen], [centre], taken, left_out)
     return kept
 
 

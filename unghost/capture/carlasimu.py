@@ -132,66 +132,66 @@ def convert_carlasimu(folder: Path) -> Conversion:
         raise ScenarioError(
             f"{folder}: expected at least one of {', '.join(_CONVERTERS)}, found none"
         )
-    found = {}
+    contents = {}
     for name in there:
         document = read_yaml((folder / name).read_bytes(), name)
         inner = document.get(CARLASIMU_ROOT) if isinstance(document, Mapping) else None
         if not isinstance(inner, Mapping):
             raise ScenarioError(f"{name}: expected keys under {CARLASIMU_ROOT!r}")
         _refuse_unknown(_mapping(document, name), frozenset({CARLASIMU_ROOT}), name)
-        found[name] = _mapping(inner, name)
+        contents[name] = _mapping(inner, name)
     result = Conversion()
-    for name, given in found.items():
-        _CONVERTERS[name](given, result)
+    for name, content in contents.items():
+        _CONVERTERS[name](content, result)
         parse_scenario(result.scenario, name)
     return result
 
 
-def _data(given: Mapping[str, object], result: Conversion) -> None:
-    _refuse_unknown(given, _DATA_KEYS, "data.yaml")
+def _data(content: Mapping[str, object], result: Conversion) -> None:
+    _refuse_unknown(content, _DATA_KEYS, "data.yaml")
     scenario = result.scenario
-    scenario.update(_taken(given, _PLAIN))
-    scenario["traffic_manager"] = _taken(given, _MANAGER)
-    vehicles = _taken(given, _VEHICLES)
-    if _truth(given, "safe", "data.yaml", default=False):
+    scenario.update(_taken(content, _PLAIN))
+    scenario["traffic_manager"] = _taken(content, _MANAGER)
+    vehicles = _taken(content, _VEHICLES)
+    if _truth(content, "safe", "data.yaml", default=False):
         vehicles["exclude"] = list(_UNSAFE)
     for name, key in (("number_of_wheels", "wheels"), ("generationv", "generation")):
-        if name in given:
-            vehicles[key] = _number_or_all(given[name])
-    lights = _mapping(given.get("light_state"), "data.yaml: light_state")
+        if name in content:
+            vehicles[key] = _number_or_all(content[name])
+    lights = _mapping(content.get("light_state"), "data.yaml: light_state")
     # It sets the lights of all vehicles, the ego vehicle's too.
     vehicles["lights"] = _lights(lights)
     scenario["vehicles"] = vehicles
     scenario["ego"] = {"lights": vehicles["lights"]}
-    walkers = _taken(given, _WALKERS)
-    if "generationw" in given:
-        walkers["generation"] = _number_or_all(given["generationw"])
+    walkers = _taken(content, _WALKERS)
+    if "generationw" in content:
+        walkers["generation"] = _number_or_all(content["generationw"])
     at = "data.yaml: number_of_walkers"
-    counts = _mapping(given.get("number_of_walkers"), at)
+    counts = _mapping(content.get("number_of_walkers"), at)
     _refuse_unknown(counts, frozenset(_GAITS), at)
     scenario["walkers"] = {**walkers, **_taken(counts, _GAITS)}
-    _note_unused(_WITHOUT_MEANING, [given], "data.yaml", result.notes)
-    is_asynchronous = _truth(given, "asynch", "data.yaml", default=False)
-    if is_asynchronous or not _truth(given, "synchronous", "data.yaml", default=True):
+    _note_unused(_WITHOUT_MEANING, [content], "data.yaml", result.notes)
+    is_asynchronous = _truth(content, "asynch", "data.yaml", default=False)
+    if is_asynchronous or not _truth(content, "synchronous", "data.yaml", default=True):
         result.notes.append(
             "asynch and synchronous are not used: capture is always synchronous"
         )
-    if _truth(given, "no_rendering", "data.yaml", default=False):
+    if _truth(content, "no_rendering", "data.yaml", default=False):
         result.notes.append("no_rendering is not used: cameras need rendering")
 
 
 def _lights(states: Mapping[str, object]) -> list[str]:
-    known = {name.casefold(): name for name in VEHICLE_LIGHTS}
+    lights = {name.casefold(): name for name in VEHICLE_LIGHTS}
     on = set()
     for name in states:
-        if name.casefold() not in known:
+        if name.casefold() not in lights:
             raise ScenarioError(
                 f"data.yaml: light_state.{name}: unknown light; the nearest is "
                 f"{nearest(name, VEHICLE_LIGHTS)!r}"
             )
         if _truth(states, name, "data.yaml: light_state", default=False):
             on.add(name.casefold())
-    return [name for key, name in known.items() if key in on]
+    return [name for key, name in lights.items() if key in on]
 
 
 def _number_or_all(value: object) -> object:
@@ -199,12 +199,12 @@ def _number_or_all(value: object) -> object:
     return int(text) if text.isdecimal() else text
 
 
-def _sensors(given: Mapping[str, object], result: Conversion) -> None:
+def _sensors(content: Mapping[str, object], result: Conversion) -> None:
     # `camera` and `sensors` of a scenario, from the content of sensors.yaml
-    _refuse_unknown(given, frozenset(_NAMES), "sensors.yaml")
+    _refuse_unknown(content, frozenset(_NAMES), "sensors.yaml")
     sensors = {
-        name: _set(_mapping(one, f"sensors.yaml: {name}"))
-        for name, one in given.items()
+        name: _set(_mapping(settings, f"sensors.yaml: {name}"))
+        for name, settings in content.items()
     }
     nothing: Mapping[str, object] = {}
     first = next((sensors[name] for name in _CAMERAS if name in sensors), nothing)
@@ -223,8 +223,8 @@ def _sensors(given: Mapping[str, object], result: Conversion) -> None:
         {
             "camera": camera,
             "sensors": {
-                _NAMES[name]: _sensor(name, one, result.notes)
-                for name, one in sensors.items()
+                _NAMES[name]: _sensor(name, settings, result.notes)
+                for name, settings in sensors.items()
             },
         }
     )
@@ -269,35 +269,35 @@ def _sensor(
     return {**({"mount": mount} if mount else {}), "attributes": attributes}
 
 
-def _weather(given: Mapping[str, object], result: Conversion) -> None:
+def _weather(content: Mapping[str, object], result: Conversion) -> None:
     numbers = {
         name: _number(value, f"weather.yaml: {name}")
-        for name, value in _set(given).items()
+        for name, value in _set(content).items()
     }
     result.scenario["weather"] = {"parameters": numbers}
 
 
-def _map_layers(given: Mapping[str, object], result: Conversion) -> None:
-    known = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
-    _refuse_unknown(given, frozenset(known), "mapLayer.yaml")
+def _map_layers(content: Mapping[str, object], result: Conversion) -> None:
+    layers = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
+    _refuse_unknown(content, frozenset(layers), "mapLayer.yaml")
     # A layer that is loaded already need not be loaded.
     off = {
-        known[name]: False
-        for name in given
-        if not _truth(given, name, "mapLayer.yaml", default=True)
+        layers[name]: False
+        for name in content
+        if not _truth(content, name, "mapLayer.yaml", default=True)
     }
     result.scenario["map_layers"] = off
 
 
-def _boxes(given: Mapping[str, object], result: Conversion) -> None:
-    _refuse_unknown(given, _BOX_KEYS, "boundingBox.yaml")
+def _boxes(content: Mapping[str, object], result: Conversion) -> None:
+    _refuse_unknown(content, _BOX_KEYS, "boundingBox.yaml")
     parts = {
-        name: _mapping(given.get(name), f"boundingBox.yaml: {name}")
+        name: _mapping(content.get(name), f"boundingBox.yaml: {name}")
         for name in _RECORDED
     }
     for name, part in parts.items():
-        known = _CAMERA_KEYS if name == "cam_rgb" else _PART_KEYS
-        _refuse_unknown(part, known, f"boundingBox.yaml: {name}")
+        keys = _CAMERA_KEYS if name == "cam_rgb" else _PART_KEYS
+        _refuse_unknown(part, keys, f"boundingBox.yaml: {name}")
     camera, scenario = parts["cam_rgb"], result.scenario
     at = "boundingBox.yaml: cam_rgb.actors"
     actors = _mapping(camera.get("actors"), at)
@@ -309,7 +309,7 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
         "widen_walkers_m": 0.0,
     }
     scenario.update(_taken(camera, {"num_image": "frames"}))
-    scenario.update(_taken(given, {"time_screen_shot": "interval_s"}))
+    scenario.update(_taken(content, {"time_screen_shot": "interval_s"}))
     unwanted = [
         name
         for part, (name, default) in _RECORDED.items()
@@ -345,9 +345,9 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
     )
 
 
-def _vehicles(given: Mapping[str, object], result: Conversion) -> None:
+def _vehicles(content: Mapping[str, object], result: Conversion) -> None:
     named: dict[str, str] = {}
-    for name, blueprints in given.items():
+    for name, blueprints in content.items():
         if not isinstance(blueprints, list | None):
             raise _wrong(f"vehicles_name.yaml: {name}", "a list", blueprints)
         for blueprint in map(str, blueprints or ()):
@@ -365,25 +365,27 @@ def _vehicles(given: Mapping[str, object], result: Conversion) -> None:
         result.scenario["classes"] = own
 
 
-def _colors(given: Mapping[str, object], result: Conversion) -> None:
+def _colors(content: Mapping[str, object], result: Conversion) -> None:
     result.notes.append(
         f"color_segmentation.yaml is not needed: tags are stored as numbers "
-        f"({len(given)} colours left behind)"
+        f"({len(content)} colours left behind)"
     )
 
 
-def _taken(given: Mapping[str, object], names: Mapping[str, str]) -> dict[str, object]:
+def _taken(
+    entries: Mapping[str, object], names: Mapping[str, str]
+) -> dict[str, object]:
     """Values under the scenario's names; an empty one (`seed:`) means the default."""
     return {
-        ours: given[theirs]
+        ours: entries[theirs]
         for theirs, ours in names.items()
-        if given.get(theirs) is not None
+        if entries.get(theirs) is not None
     }
 
 
-def _set(given: Mapping[str, object]) -> dict[str, object]:
+def _set(entries: Mapping[str, object]) -> dict[str, object]:
     """What is given without empty values, which leave the simulator's own as it is."""
-    return {name: value for name, value in given.items() if value is not None}
+    return {name: value for name, value in entries.items() if value is not None}
 
 
 def _mapping(value: object, at: str) -> Mapping[str, object]:
@@ -392,7 +394,7 @@ def _mapping(value: object, at: str) -> Mapping[str, object]:
         return {}
     if not isinstance(value, Mapping):
         raise _wrong(at, "keys and values", value)
-    return {str(key): one for key, one in value.items()}
+    return {str(key): entry for key, entry in value.items()}
 
 
 def _number(value: object, at: str) -> float:
@@ -402,9 +404,9 @@ def _number(value: object, at: str) -> float:
     return float(value)
 
 
-def _truth(given: Mapping[str, object], name: str, at: str, *, default: bool) -> bool:
+def _truth(entries: Mapping[str, object], name: str, at: str, *, default: bool) -> bool:
     """True or false, as the scenario reads them; the default if nothing is given."""
-    value = given.get(name)
+    value = entries.get(name)
     if value is None:
         return default
     try:
@@ -426,14 +428,14 @@ def _note_unused(
 
 
 def _refuse_unknown(
-    given: Mapping[str, object], known: frozenset[str], at: str
+    entries: Mapping[str, object], keys: frozenset[str], at: str
 ) -> None:
     """`ScenarioError` for the first key that carlasimu does not have."""
-    for key in given:
-        if key not in known:
+    for key in entries:
+        if key not in keys:
             raise ScenarioError(
                 f"{at}: {key}: unknown key; the nearest valid key is "
-                f"{nearest(key, known)!r}"
+                f"{nearest(key, keys)!r}"
             )
 
 

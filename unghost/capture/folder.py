@@ -96,16 +96,16 @@ class CaptureFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         for sensor in MANIFEST_KEYS:
             _refuse_link(self.path / sensor)
-        known = self._read_about()
-        if known is None and any(self.path.iterdir()):
+        capture = self._read_about()
+        if capture is None and any(self.path.iterdir()):
             raise CaptureError(
                 f"{self.path} is not empty and contains no capture: choose another "
                 "--output"
             )
         self.keys = self._read_keys()
-        if known is not None and self.keys:
+        if capture is not None and self.keys:
             for name in _SAME:
-                if known.get(name) != about.get(name):
+                if capture.get(name) != about.get(name):
                     what = "scenario" if name == "scenario_digest" else name
                     raise CaptureError(
                         f"{self.path} contains a capture with another {what}: choose "
@@ -192,11 +192,11 @@ class CaptureFolder:
         if not path.exists():
             return None
         try:
-            known = json.loads(path.read_bytes())
+            about = json.loads(path.read_bytes())
         except ValueError as error:
             raise CaptureError(f"{path} cannot be read as JSON: {error}") from error
-        is_ours = isinstance(known, dict) and set(_SAME) <= set(known)
-        return known if is_ours else None
+        is_ours = isinstance(about, dict) and set(_SAME) <= set(about)
+        return about if is_ours else None
 
     def _read_keys(self) -> list[str]:
         path = self.path / MANIFEST_NAME

@@ -104,7 +104,9 @@ class LiveFrame:
     @property
     def boxes(self) -> list[Decision]:
         """The clean boxes: those that are kept."""
-        return [one for one in self.decisions if one["verdict"] == "kept"]
+        return [
+            decision for decision in self.decisions if decision["verdict"] == "kept"
+        ]
 
     def _repr_html_(self) -> str:
         return self.result._repr_html_()  # what notebooks call
@@ -234,9 +236,9 @@ class Live:
 
     def start(self, on_frame: Callable[[LiveFrame], object] | None) -> None:
         """Listen to the sensors and, unless it ticks itself, to the world's ticks."""
-        for one in self._sensors:
-            assert isinstance(one.actor, Sensor), "checked when it was made"
-            one.actor.listen(one.inbox.put)
+        for sensor in self._sensors:
+            assert isinstance(sensor.actor, Sensor), "checked when it was made"
+            sensor.actor.listen(sensor.inbox.put)
         if not self._ticks:
             self._callback = self._world.on_tick(self._coming.put)
         if on_frame is not None:
@@ -259,12 +261,14 @@ class Live:
 
     def _try_tick(self) -> Moment | Missed:
         snapshot = self._snapshot()
-        found = collect(self._sensors, snapshot.frame, self._wait_s, check=self._check)
-        if not isinstance(found, Missed):
-            return Moment(snapshot, found)
+        outcome = collect(
+            self._sensors, snapshot.frame, self._wait_s, check=self._check
+        )
+        if not isinstance(outcome, Missed):
+            return Moment(snapshot, outcome)
         if self._ticks:
             drain(self._sensors)
-        return found
+        return outcome
 
     def __enter__(self) -> Live:
         return self
@@ -287,10 +291,10 @@ class Live:
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
             self._thread = None
-        for one in self._sensors:
-            assert isinstance(one.actor, Sensor), "checked when it was made"
+        for sensor in self._sensors:
+            assert isinstance(sensor.actor, Sensor), "checked when it was made"
             with suppress(RuntimeError):  # the script may have destroyed it
-                one.actor.stop()
+                sensor.actor.stop()
         fault, self._fault = self._fault, None
         if fault is not None:
             raise fault

@@ -73,9 +73,9 @@ class LocalBox:
 
     def changed(self, flag: str, **parts: Triple) -> LocalBox:
         """The box with another location, extent or rotation; `flag` says why."""
-        given = self.given or (self.location, self.extent)
+        original = self.given or (self.location, self.extent)
         flags = (*self.flags, flag)
-        return replace(self, flags=flags, given=given, **parts)
+        return replace(self, flags=flags, given=original, **parts)
 
     def marked(self, flag: str) -> LocalBox:
         """The same box with a flag."""

@@ -32,7 +32,7 @@ def plan_of(
     ticks = starts * scenario.warm_up_ticks + frames * scenario.ticks_per_frame
     size = sum(_bytes_of(scenario, name) for name in sensors) * frames
     camera, people = scenario.camera, scenario.walkers
-    off = [name for name, wanted in scenario.map_layers.items() if not wanted]
+    off = [name for name, is_on in scenario.map_layers.items() if not is_on]
     without = f" without {', '.join(off)}" if off else ""
     maps = ", ".join(scenario.maps) or scenario.map or "the one that is loaded"
     weather = scenario.weather

@@ -265,15 +265,15 @@ class _Recorder:
             drain(self._sensors)
             return Missed(_ANOTHER_CLIENT)
         wait_s, check = scenario.sensor_wait_s, self._stop.check
-        found = collect(self._sensors, session.frame, wait_s, check=check)
-        if isinstance(found, Missed):
+        outcome = collect(self._sensors, session.frame, wait_s, check=check)
+        if isinstance(outcome, Missed):
             drain(self._sensors)
-            return found
+            return outcome
         if not has_wrong_metadata(session.server_version):
-            return Moment(snapshot, found)
+            return Moment(snapshot, outcome)
         self._last = after = session.tick()
         drain(self._sensors)
-        return Moment(snapshot, found, before, after)
+        return Moment(snapshot, outcome, before, after)
 
     def _store(
         self, annotator: Annotator, moment: Moment, encoders: ThreadPoolExecutor
@@ -300,7 +300,9 @@ class _Recorder:
                 self._session.note(f"{key}: its boxes are not decided: {error}")
             self._recorded.undecided += 1
         else:
-            self._recorded.decided.update(one["verdict"] for one in result.decisions)
+            self._recorded.decided.update(
+                decision["verdict"] for decision in result.decisions
+            )
         paths = self._folder.add(key, files, frame)
         self._request.stored(StoredTick(key, frame, paths, result))
         if annotator.poses_differ and not self._recorded.poses_differ:

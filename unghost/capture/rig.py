@@ -146,11 +146,11 @@ def first_complete(try_tick: Callable[[], T | Missed], missed: Counter[str]) -> 
     """
     reasons: Counter[str] = Counter()
     while reasons.total() < MOST_MISSED:
-        found = try_tick()
-        if not isinstance(found, Missed):
-            return found
-        reasons[str(found)] += 1
-        missed[str(found)] += 1
+        outcome = try_tick()
+        if not isinstance(outcome, Missed):
+            return outcome
+        reasons[str(outcome)] += 1
+        missed[str(outcome)] += 1
     reason, count = reasons.most_common(1)[0]
     raise CaptureError(
         f"no complete frame in {MOST_MISSED} ticks, {count} times because {reason}"
@@ -174,10 +174,10 @@ def collect(
     deadline = time.monotonic() + wait_s
     taken: dict[str, Measurement] = {}
     for sensor in sensors:
-        found = _take(sensor, frame, deadline, check)
-        if isinstance(found, Missed):
-            return found
-        taken[sensor.name] = found
+        measurement = _take(sensor, frame, deadline, check)
+        if isinstance(measurement, Missed):
+            return measurement
+        taken[sensor.name] = measurement
     return taken
 
 
@@ -189,16 +189,16 @@ def _take(
         left = max(0.0, deadline - time.monotonic())
         wait = min(left, _LOOK_EVERY_S)
         try:
-            found = (
+            measurement = (
                 sensor.inbox.get(timeout=wait) if left else sensor.inbox.get_nowait()
             )
         except queue.Empty:
             if left > wait:
                 continue
             return Missed(NO_DATA, sensor.name)
-        if found.frame == frame:
-            return found
-        if found.frame > frame:
+        if measurement.frame == frame:
+            return measurement
+        if measurement.frame > frame:
             return Missed(FROM_LATER, sensor.name)
 
 

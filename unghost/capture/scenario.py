@@ -83,19 +83,19 @@ class ScenarioSection(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _refuse_bool_as_number(cls, given: object, place: ValidationInfo) -> object:
+    def _refuse_bool_as_number(cls, entry: object, place: ValidationInfo) -> object:
         # `true` would be taken for 1, and `on` and `yes` are true in YAML.
         kind = cls.model_fields[str(place.field_name)].annotation
         if _may_be_bool(kind):
-            return given
+            return entry
         inner: list[object] = []
-        if isinstance(given, list | tuple):
-            inner = [*given]
-        elif isinstance(given, Mapping) and _model_in(kind) is None:
-            inner = [*given.values()]  # those of a model check themselves
-        if any(isinstance(value, bool) for value in (given, *inner)):
+        if isinstance(entry, list | tuple):
+            inner = [*entry]
+        elif isinstance(entry, Mapping) and _model_in(kind) is None:
+            inner = [*entry.values()]  # those of a model check themselves
+        if any(isinstance(value, bool) for value in (entry, *inner)):
             raise ValueError("true and false are not allowed here")
-        return given
+        return entry
 
 
 def _may_be_bool(annotation: object) -> bool:
@@ -251,13 +251,13 @@ class Sensors(ScenarioSection):
 
     @model_validator(mode="before")
     @classmethod
-    def _expand_bools(cls, given: object) -> object:
-        if not isinstance(given, Mapping):
-            return given
+    def _expand_bools(cls, entries: object) -> object:
+        if not isinstance(entries, Mapping):
+            return entries
         plain: dict[object, object] = {True: {}, False: None}
         return {
             name: plain[value] if isinstance(value, bool) else value
-            for name, value in given.items()
+            for name, value in entries.items()
         }
 
     @model_validator(mode="after")
@@ -340,7 +340,7 @@ class Scenario(ScenarioSection):
         if not self.maps:
             return (self,)
         update = ({"map": name, "maps": ()} for name in self.maps)
-        return tuple(self.model_copy(update=one) for one in update)
+        return tuple(self.model_copy(update=changes) for changes in update)
 
     @property
     def all_frames(self) -> int:
@@ -413,19 +413,19 @@ def read_yaml(content: bytes, name: str) -> object:
     return document
 
 
-def _written_size(value: object, known: dict[int, float]) -> float:
+def _written_size(value: object, sizes: dict[int, float]) -> float:
     """Characters and values of a value; infinite if it is within itself.
 
-    `known` are the sizes of lists and mappings that were counted already, by their
+    `sizes` are those of lists and mappings that were counted already, by their
     identities, since a few bytes of aliases can stand for gigabytes.
     """
     if not isinstance(value, list | tuple | dict):
         return 1 + len(str(value))
-    if id(value) not in known:
-        known[id(value)] = math.inf
+    if id(value) not in sizes:
+        sizes[id(value)] = math.inf
         inner = chain.from_iterable(value.items()) if isinstance(value, dict) else value
-        known[id(value)] = 1 + sum(_written_size(one, known) for one in inner)
-    return known[id(value)]
+        sizes[id(value)] = 1 + sum(_written_size(part, sizes) for part in inner)
+    return sizes[id(value)]
 
 
 class _UniqueKeys(yaml.SafeLoader):
@@ -457,17 +457,17 @@ def parse_scenario(document: object, name: str) -> Scenario:
 
 def _words(fault: Mapping[str, object], name: str) -> str:
     loc = fault["loc"]
-    place = [one for one in loc if one != "[key]"] if isinstance(loc, tuple) else []
+    place = [part for part in loc if part != "[key]"] if isinstance(loc, tuple) else []
     key = ".".join(str(part) for part in place)
     if fault["type"] == "extra_forbidden":
         valid = valid_keys(place[:-1])
         hint = nearest(str(place[-1]).casefold(), valid)
         return f"{name}: {key}: unknown key; the nearest valid key is {hint!r}"
     message = str(fault["msg"]).removeprefix("Value error, ")
-    given = fault["input"]
+    value = fault["input"]
     # Not all of it: a few bytes of aliases can stand for a text of gigabytes.
-    found = "" if isinstance(given, Mapping) else f", found {_SHORT.repr(given)}"
-    return f"{name}: {key}: {message}{found}" if key else f"{name}: {message}"
+    shown = "" if isinstance(value, Mapping) else f", found {_SHORT.repr(value)}"
+    return f"{name}: {key}: {message}{shown}" if key else f"{name}: {message}"
 
 
 def valid_keys(place: Sequence[object]) -> tuple[str, ...]:
@@ -485,5 +485,5 @@ def valid_keys(place: Sequence[object]) -> tuple[str, ...]:
 def _model_in(annotation: object) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    found = (_model_in(inner) for inner in get_args(annotation))
-    return next((model for model in found if model is not None), None)
+    models = (_model_in(inner) for inner in get_args(annotation))
+    return next((model for model in models if model is not None), None)

@@ -208,9 +208,9 @@ def _set_up_world(session: CaptureSession) -> None:
     if plan.hybrid_physics:
         manager.set_hybrid_physics_radius(plan.hybrid_radius)
     world = session.world
-    for name, wanted in scenario.map_layers.items():
+    for name, is_on in scenario.map_layers.items():
         layer = getattr(carla.MapLayer, name)
-        if wanted:
+        if is_on:
             world.load_map_layer(layer)
         else:
             again = partial(world.load_map_layer, layer)

@@ -481,8 +481,8 @@ def is_dormant(actor: Actor) -> bool:
 
 def version_numbers(version: str) -> tuple[int, ...]:
     """``0.9.15-12-gabc`` as ``(0, 9, 15)``."""
-    found = re.match(r"\D*(\d+(?:\.\d+)*)", version)
-    return tuple(int(part) for part in found[1].split(".")) if found else ()
+    match = re.match(r"\D*(\d+(?:\.\d+)*)", version)
+    return tuple(int(part) for part in match[1].split(".")) if match else ()
 
 
 def has_wrong_metadata(version: str) -> bool:

@@ -75,26 +75,26 @@ def choose_traffic(session: CaptureSession) -> TrafficKinds:
 
 
 def _vehicles(session: CaptureSession) -> list[Blueprint]:
-    wanted = session.scenario.vehicles
-    if not wanted.count:
+    plan = session.scenario.vehicles
+    if not plan.count:
         return []
-    generation = wanted.generation
-    found = choose_blueprints(session.world, wanted.filter, generation, "vehicles")
-    found = with_wheels(found, wanted.wheels, "vehicles")
-    if wanted.safe:
-        typed = (each for each in found if each.has_attribute("base_type"))
-        found = [
+    generation = plan.generation
+    blueprints = choose_blueprints(session.world, plan.filter, generation, "vehicles")
+    blueprints = with_wheels(blueprints, plan.wheels, "vehicles")
+    if plan.safe:
+        typed = (each for each in blueprints if each.has_attribute("base_type"))
+        blueprints = [
             each
             for each in typed
             if each.get_attribute("base_type").as_str() in _SAFE_BASE_TYPES
         ]
-        if not found:
+        if not blueprints:
             raise ScenarioError("vehicles.safe: no blueprint that is left is a car")
-    for pattern in wanted.exclude:
-        found = [each for each in found if not fnmatchcase(each.id, pattern)]
-    if not found:
+    for pattern in plan.exclude:
+        blueprints = [each for each in blueprints if not fnmatchcase(each.id, pattern)]
+    if not blueprints:
         raise ScenarioError("vehicles.exclude: it leaves no blueprint")
-    return found
+    return blueprints
 
 
 def spawn(
@@ -139,10 +139,10 @@ def _spawn_vehicles(
     stop: StopRequest,
 ) -> int:
     points, dice = places
-    wanted, count = session.scenario.vehicles, 0
+    plan, count = session.scenario.vehicles, 0
     for place in points:
         stop.check()
-        if count == wanted.count:
+        if count == plan.count:
             break
         blueprint = dice.choice(kinds.vehicles)
         randomise(blueprint, dice)
@@ -151,8 +151,8 @@ def _spawn_vehicles(
             continue
         session.own(vehicle)
         _drive(session, vehicle)
-        _light(session, vehicle, wanted.lights)
-        if wanted.automatic_lights:
+        _light(session, vehicle, plan.lights)
+        if plan.automatic_lights:
             manager = session.client.get_trafficmanager(_port(session))
             manager.update_vehicle_lights(vehicle, True)
         count += 1
@@ -179,9 +179,9 @@ def _light(session: CaptureSession, actor: Actor, names: Sequence[str]) -> None:
 
 def light_state(carla: Carla, names: Sequence[str]) -> object:
     """`carla.VehicleLightState` with these lights on."""
-    known = carla.VehicleLightState
-    bits = reduce(lambda state, name: state | int(getattr(known, name)), names, 0)
-    return known(bits)
+    flags = carla.VehicleLightState
+    bits = reduce(lambda state, name: state | int(getattr(flags, name)), names, 0)
+    return flags(bits)
 
 
 def _spawn_walkers(

@@ -49,14 +49,14 @@ class WeatherPlan:
             return False
         carla, weather = self._session.carla, scenario.weather
         preset = preset_of(weather, index)
-        known = carla.WeatherParameters
-        ground = self._before if preset is None else getattr(known, preset)
+        presets = carla.WeatherParameters
+        ground = self._before if preset is None else getattr(presets, preset)
         base = as_numbers(ground)
-        wanted = {**base, **weather_numbers(weather, index, scenario.frames)}
-        if wanted == self._last:
+        numbers = {**base, **weather_numbers(weather, index, scenario.frames)}
+        if numbers == self._last:
             return False
-        self._session.world.set_weather(parameters(self._session.carla, wanted))
-        self._last = wanted
+        self._session.world.set_weather(parameters(self._session.carla, numbers))
+        self._last = numbers
         turned, self._preset = self._preset, preset_of(scenario.weather, index)
         return turned != self._preset
 

@@ -158,16 +158,16 @@ def gc(options: GarbageOptions) -> None:
 
     screen = options.screen
     with refused_on(CannotMaintain):
-        found = collect(
+        garbage = collect(
             options.settings,
             grace_hours=options.grace,
             dry_run=options.dry_run,
             steps=screen.progress,
         )
-    done = "removed" if found.removed else "would remove"
+    done = "removed" if garbage.removed else "would remove"
     screen.record(
-        found.as_dict(),
-        f"{done} {found.files} files of {found.size_bytes} bytes and "
-        f"{found.leftovers} incomplete ones; {found.too_young} unused ones are kept, "
-        "since they are younger than --grace",
+        garbage.as_dict(),
+        f"{done} {garbage.files} files of {garbage.size_bytes} bytes and "
+        f"{garbage.leftovers} incomplete ones; {garbage.too_young} unused ones are "
+        "kept, since they are younger than --grace",
     )

@@ -24,6 +24,9 @@ Port: TypeAlias = Annotated[
 _file: Final = partial(written_file, metavar="FILE")
 """An option for a file, with this `help`."""
 
+_OPTION_OF_SETTING: Final = {"tls_ca": "--ca", "tls_cert": "--cert", "tls_key": "--key"}
+"""The options of a node by the settings that they override."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class NodeOptions(OutputOptions):
@@ -113,6 +116,7 @@ def worker(options: WorkerOptions) -> None:
     from app.process import worker as working
 
     settings = settings_of(
+        {**_OPTION_OF_SETTING, "engine": "SCHEDULER", "workers": "--threads"},
         engine=options.scheduler,
         data=options.data,
         workers=options.threads,
@@ -137,7 +141,10 @@ def scheduler(options: SchedulerOptions) -> None:
     from app.engine.dask import Certificates, run_scheduler
 
     settings = settings_of(
-        tls_ca=options.ca, tls_cert=options.cert, tls_key=options.key
+        _OPTION_OF_SETTING,
+        tls_ca=options.ca,
+        tls_cert=options.cert,
+        tls_key=options.key,
     )
 
     def ready(address: str) -> None:
@@ -161,7 +168,11 @@ def connected(engine: str, options: NodeOptions) -> Iterator[Client]:
     from app.engine.dask import Certificates, prepare, reason_of, security
 
     settings = settings_of(
-        engine=engine, tls_ca=options.ca, tls_cert=options.cert, tls_key=options.key
+        _OPTION_OF_SETTING,
+        engine=engine,
+        tls_ca=options.ca,
+        tls_cert=options.cert,
+        tls_key=options.key,
     )
     address = settings.engine
     shown = Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)

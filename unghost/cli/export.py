@@ -114,23 +114,23 @@ class FormatOptions:
         """
         from unghost.wire.runs import ExportOptions as KnownOptions
 
-        known = KnownOptions.model_fields
-        found: dict[str, object] = {}
+        fields = KnownOptions.model_fields
+        options: dict[str, object] = {}
         for key, value in map(_pair, self.option or ()):
-            if key not in known:
+            if key not in fields:
                 raise typer.BadParameter(
-                    f"--option {key}: expected one of {', '.join(known)}"
+                    f"--option {key}: expected one of {', '.join(fields)}"
                 )
-            if key in found:
+            if key in options:
                 raise typer.BadParameter(f"--option {key} is given twice")
-            found[key] = value
+            options[key] = value
         if self.split is not None:
-            if "split" in found:
+            if "split" in options:
                 raise typer.BadParameter("--option split is given twice")
-            found["split"] = _pair(f"split={self.split}")[1]
+            options["split"] = _pair(f"split={self.split}")[1]
         if self.allow_missing_images:
-            found["allow_missing_images"] = True
-        return found
+            options["allow_missing_images"] = True
+        return options
 
 
 def _pair(text: str) -> tuple[str, object]:
@@ -206,14 +206,14 @@ def export(options: ExportOptions) -> None:
     if options.format is None:
         raise typer.BadParameter("expected --format, or --version of an earlier export")
     with options.connect() as client:
-        given = {f"--option {name}": value for name, value in options.given.items()}
+        values = {f"--option {name}": value for name, value in options.given.items()}
         before = client.dataset(options.dataset)
-        with naming_options(_OPTION_OF_FIELD, given):
+        with naming_options(_OPTION_OF_FIELD, values):
             asked = options.given.get("split")
             shares = asked if isinstance(asked, list) else []
             # Others are refused as options of the export.
             are_shares = all(
-                isinstance(one, int | float) and 0 <= one <= 1 for one in shares
+                isinstance(share, int | float) and 0 <= share <= 1 for share in shares
             )
             by_map = options.given.get("split_by") == "map"
             if shares and are_shares and not by_map:
@@ -251,11 +251,13 @@ def _write_again(options: ExportOptions, name: str) -> None:
     """Download the file of a version."""
     with options.connect() as client:
         versions = client.versions(options.dataset)
-        known = {one.name: one for one in versions if one.state == "done"}
-        if name not in known:
-            listed = ", ".join(map(str, known)) or "none"
+        by_name = {
+            version.name: version for version in versions if version.state == "done"
+        }
+        if name not in by_name:
+            listed = ", ".join(map(str, by_name)) or "none"
             raise Refused(f"--version: expected one of {listed}; found {name!r}")
-        export = known[name]
+        export = by_name[name]
         if options.format not in (None, export.format):
             raise Refused(
                 f"version {name!r} has the format {export.format}, found --format "
@@ -273,14 +275,14 @@ def versions(options: DatasetOptions) -> None:
         options.screen.listing(
             ("version", "digest", "format", "frames", "made", "by", "since"),
             client.versions(options.dataset),
-            lambda one: (
-                one.name,
-                (one.version or one.state)[:12],
-                one.format,
-                one.total,
-                one.created_at.isoformat(sep=" ", timespec="minutes"),
-                one.created_by,
-                one.since,
+            lambda version: (
+                version.name,
+                (version.version or version.state)[:12],
+                version.format,
+                version.total,
+                version.created_at.isoformat(sep=" ", timespec="minutes"),
+                version.created_by,
+                version.since,
             ),
         )
 
@@ -493,25 +495,25 @@ def convert(options: ConvertOptions) -> None:
     from filter_core.inspection.remarks import BoxSummary, RecordingAdvice
 
     if not options.filter:
-        given = ["config"] if options.config is not None else []
-        if names := [*given, *options.reading]:
+        config_names = ["config"] if options.config is not None else []
+        if names := [*config_names, *options.reading]:
             option = names[0].replace("_", "-")
             raise typer.BadParameter(f"--{option} is for --filter")
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = None if options.to == "same" else _label_options(options)
     description = options.describe(options.source)
-    found = sources.open_source(options.source, options.layout, description)
-    default_class = sources.default_class_of(found, description)
+    source_frames = sources.open_source(options.source, options.layout, description)
+    default_class = sources.default_class_of(source_frames, description)
     advice = RecordingAdvice(default_class, " and written as they came")
     progress = _Progress(options.screen, BoxSummary(advice))
     config = sources.read_config(options.config, options, description, options.screen)
-    if labels is None or (options.to == found.layout and not options.option):
-        _convert_same(options, found, config, progress)
+    if labels is None or (options.to == source_frames.layout and not options.option):
+        _convert_same(options, source_frames, config, progress)
         return
-    counts = _write_labels(options, labels, found, config, progress)
+    counts = _write_labels(options, labels, source_frames, config, progress)
     progress.notes.print(options.screen)
     is_doubtful = options.filter and note_boxes(options.screen, progress.summary)
-    progress.note_unread(found)
+    progress.note_unread(source_frames)
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
     if "split" in format_of(options.to, labels).options:
         options.screen.note(parts_text(counts))
@@ -531,7 +533,7 @@ def convert(options: ConvertOptions) -> None:
         },
         f"{options.output}\t{written} frames\t{boxes['out']} of {boxes['in']} boxes",
     )
-    if progress.failed or found.unmatched or is_doubtful:
+    if progress.failed or source_frames.unmatched or is_doubtful:
         raise partly_done(progress.written)
 
 
@@ -542,14 +544,14 @@ def _label_options(options: ConvertOptions) -> LabelOptions:
     from filter_core.formats.registry import format_of
 
     try:
-        given = LabelOptions.from_mapping(options.given)
-        selects_boxes = "include" in format_of(options.to, given).options
+        labels = LabelOptions.from_mapping(options.given)
+        selects_boxes = "include" in format_of(options.to, labels).options
     except ExportError as exc:
         name = exc.pointer.removeprefix("/options/")
         why = exc.detail.removeprefix(f"{name}: ")
         raise typer.BadParameter(f"--option {name}: {why}") from exc
     if options.filter or not selects_boxes:
-        return given
+        return labels
     # Without the filter nothing is decided, and so nothing is left out.
     return LabelOptions.from_mapping({"include": "all", **options.given})
 
@@ -557,7 +559,7 @@ def _label_options(options: ConvertOptions) -> LabelOptions:
 def _write_labels(
     options: ConvertOptions,
     labels: LabelOptions,
-    found: FrameSet,
+    source_frames: FrameSet,
     config: FilterConfig,
     progress: _Progress,
 ) -> Counts:
@@ -569,25 +571,32 @@ def _write_labels(
     from filter_core.local import class_order, export_sources
     from filter_core.values import as_text
 
-    classes = found.classes or class_order(found)
+    classes = source_frames.classes or class_order(source_frames)
     if options.filter:
-        found = _as_shown(options, found, config, progress)
+        source_frames = _as_shown(options, source_frames, config, progress)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     if labels.split and labels.split_by == "sequence":
         shares = shares_of(labels.split)
-        said = ((frame.key, frame.annotation or {}) for frame in found)
+        said = ((frame.key, frame.annotation or {}) for frame in source_frames)
         parts = Counter(
             part_by_shares(
-                key, as_text(one.get("map")), as_text(one.get("sequence")), shares
+                key,
+                as_text(annotation.get("map")),
+                as_text(annotation.get("sequence")),
+                shares,
             )
-            for key, one in said
+            for key, annotation in said
         )
         options.screen.note(_planned_text(parts, labels.split))
     decided = {"config": config.digest} if options.filter else {}
-    facts = {"source": name_of(options.source), "layout": found.layout, **decided}
+    facts = {
+        "source": name_of(options.source),
+        "layout": source_frames.layout,
+        **decided,
+    }
     needs = format_of(options.to, labels).needs
     frames = export_sources(
-        progress.check.watch(found),
+        progress.check.watch(source_frames),
         config,
         measure=options.filter,
         needs=needs,
@@ -596,7 +605,7 @@ def _write_labels(
     with folder_sink(options.output) as sink:
         counts = write_export(
             options.to,
-            progress.watch(frames, found.count),
+            progress.watch(frames, source_frames.count),
             sink,
             ExportHead(classes, facts),
             labels,
@@ -606,21 +615,24 @@ def _write_labels(
 
 
 def _as_shown(
-    options: ConvertOptions, found: FrameSet, config: FilterConfig, progress: _Progress
+    options: ConvertOptions, frames: FrameSet, config: FilterConfig, progress: _Progress
 ) -> FrameSet:
     """The frames to be filtered, read as their images show; refuses unknown classes."""
     from filter_core.local import boxes_by_class
 
     boxes: Counter[str] = Counter()
-    if not found.classes or unmapped_names(found.classes, config):
-        boxes = boxes_by_class(found)
+    if not frames.classes or unmapped_names(frames.classes, config):
+        boxes = boxes_by_class(frames)
     options.require_known(boxes, config, progress.summary.advice)
-    first = islice(found, LOOKED_AT)
-    return sources.shown_by(first, config, config.channels, options.screen).of(found)
+    first = islice(frames, LOOKED_AT)
+    return sources.shown_by(first, config, config.channels, options.screen).of(frames)
 
 
 def _convert_same(
-    options: ConvertOptions, found: FrameSet, config: FilterConfig, progress: _Progress
+    options: ConvertOptions,
+    source_frames: FrameSet,
+    config: FilterConfig,
+    progress: _Progress,
 ) -> None:
     """Copy the folder without the boxes that are rejected, and say which these are."""
     from filter_core.formats.files import new_folder
@@ -628,38 +640,42 @@ def _convert_same(
     from filter_core.local import outcomes
 
     screen = options.screen
-    copy = RecordingCopy(options.source, _box_spans(options, found))
+    copy = RecordingCopy(options.source, _box_spans(options, source_frames))
     _require_apart(options, copy.folder)
     if options.filter:
-        found = _as_shown(options, found, config, progress)
+        source_frames = _as_shown(options, source_frames, config, progress)
     removed: dict[str, Counter[str]] = defaultdict(Counter)
     boxes: Counter[str] = Counter()
-    frames = progress.check.watch(found)
+    frames = progress.check.watch(source_frames)
     with new_folder(options.output) as folder:
         with screen.progress("convert", "frames") as advance:
             for frame, outcome in outcomes(frames, config if options.filter else None):
                 progress.add_outcome(outcome)
-                advance(progress.written + progress.failed, found.count)
+                advance(progress.written + progress.failed, source_frames.count)
                 if outcome.error is not None:
                     copy.add(frame)
                     continue
                 decisions = outcome.decisions or []
-                given = (frame.annotation or {}).get("boxes")
-                boxes["in"] += len(given) if isinstance(given, Sequence) else 0
-                verdicts = [one["verdict"] for one in decisions]
+                annotated = (frame.annotation or {}).get("boxes")
+                boxes["in"] += len(annotated) if isinstance(annotated, Sequence) else 0
+                verdicts = [decision["verdict"] for decision in decisions]
                 boxes["unmeasured"] += verdicts.count("unmeasured")
-                rows = [row for row, one in enumerate(verdicts) if one == "rejected"]
-                for one in map(decisions.__getitem__, rows):
-                    removed[one["class"]][one["reason"]] += 1
+                rows = [
+                    row for row, verdict in enumerate(verdicts) if verdict == "rejected"
+                ]
+                for decision in map(decisions.__getitem__, rows):
+                    removed[decision["class"]][decision["reason"]] += 1
                 copy.add(frame, rows)
         progress.require_frames()
         left = copy.write(folder)
-    _note_copy(options, found, progress, left)
+    _note_copy(options, source_frames, progress, left)
     dropped = sum(map(Counter.total, removed.values()))
     if dropped:
         why = {
-            name: ", ".join(f"{reason} {count}" for reason, count in one.most_common())
-            for name, one in removed.items()
+            name: ", ".join(
+                f"{reason} {count}" for reason, count in reasons.most_common()
+            )
+            for name, reasons in removed.items()
         }
         names = sorted(removed, key=lambda name: -removed[name].total())
         named = (f"{name} {removed[name].total()} ({why[name]})" for name in names)
@@ -677,15 +693,17 @@ def _convert_same(
             "failed": progress.failed,
             "boxes": counts,
             **({"unmeasured": unmeasured} if unmeasured else {}),
-            "taken_away": {name: dict(one) for name, one in sorted(removed.items())},
+            "taken_away": {
+                name: dict(reasons) for name, reasons in sorted(removed.items())
+            },
         },
         f"{options.output}\t{progress.written} frames\t{out} of {boxes['in']} boxes",
     )
-    if progress.failed or found.unmatched or is_doubtful:
+    if progress.failed or source_frames.unmatched or is_doubtful:
         raise partly_done(progress.written)
 
 
-def _box_spans(options: ConvertOptions, found: FrameSet) -> BoxSpans:
+def _box_spans(options: ConvertOptions, frames: FrameSet) -> BoxSpans:
     """How boxes are left out of labels of this layout."""
     from filter_core.formats.registry import FORMATS, layout_format
 
@@ -694,11 +712,11 @@ def _box_spans(options: ConvertOptions, found: FrameSet) -> BoxSpans:
             f"--option {options.option[0].partition('=')[0]} is for labels that are "
             "written anew; --to same takes boxes away, and changes nothing else"
         )
-    spans = layout_format(found.layout).box_spans
+    spans = layout_format(frames.layout).box_spans
     if spans is None:
-        able = ", ".join(name for name, one in FORMATS.items() if one.box_spans)
+        able = ", ".join(name for name, layout in FORMATS.items() if layout.box_spans)
         raise Refused(
-            f"layout {found.layout} cannot be written as it came; those that can are "
+            f"layout {frames.layout} cannot be written as it came; those that can are "
             f"{able}; --to FORMAT writes another format"
         )
     return spans
@@ -716,12 +734,12 @@ def _require_apart(options: ConvertOptions, folder: Path) -> None:
 
 
 def _note_copy(
-    options: ConvertOptions, found: FrameSet, progress: _Progress, left: LeftBehind
+    options: ConvertOptions, frames: FrameSet, progress: _Progress, left: LeftBehind
 ) -> None:
     """Note how the folder was read, and what of it is not in the copy."""
     screen = options.screen
     progress.notes.print(screen)
-    progress.note_unread(found)
+    progress.note_unread(frames)
     if progress.failed:
         screen.note(
             f"the labels of {progress.failed} refused frames were copied as they are"
@@ -763,10 +781,10 @@ class _Progress:
         first = outcome.error["errors"][0]
         self._refuse(outcome.key, outcome.error["detail"], first["code"])
 
-    def note_unread(self, found: FrameSet) -> None:
+    def note_unread(self, frames: FrameSet) -> None:
         """Note how the folder was read, and which of its files were not."""
-        self.check.note(self.screen, found)
-        for line in (*self.refusals.more(), *sources.unmatched_lines(found.unmatched)):
+        self.check.note(self.screen, frames)
+        for line in (*self.refusals.more(), *sources.unmatched_lines(frames.unmatched)):
             self.screen.note(line)
 
     def require_frames(self) -> None:

@@ -101,12 +101,12 @@ class GateOptions:
 
 
 def _gate(text: str) -> Gate:
-    found = _CONDITION.fullmatch(text)
-    if found is None:
+    condition = _CONDITION.fullmatch(text)
+    if condition is None:
         raise typer.BadParameter(
             f"--fail-if: expected a condition such as 'rejected > 5%', found {text!r}"
         )
-    name = found["name"]
+    name = condition["name"]
     if name not in NAMES:
         from filter_core.values import similar
 
@@ -115,8 +115,8 @@ def _gate(text: str) -> Gate:
         raise typer.BadParameter(
             f"--fail-if: expected one of {', '.join(NAMES)}, found {name!r}{hint}"
         )
-    limit, is_percent = float(found["limit"]), bool(found["percent"])
-    return Gate(text.strip(), name, found["operator"], limit, is_percent)
+    limit, is_percent = float(condition["limit"]), bool(condition["percent"])
+    return Gate(text.strip(), name, condition["operator"], limit, is_percent)
 
 
 def _junit(title: str, checked: Sequence[_Checked]) -> str:

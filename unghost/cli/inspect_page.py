@@ -67,36 +67,36 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
     name = html.escape(inspection.name)
     rows = []
     for kind in ("folder", "list", "labels"):
-        splits = [one for one in inspection.splits if one.told_by == kind]
+        splits = [split for split in inspection.splits if split.told_by == kind]
         if splits:
             drawn = "".join(
-                f'<span style="flex-grow:{max(1, one.frames)}">{html.escape(one.name)} '
-                f"{one.frames:,}</span>"
-                for one in splits
+                f'<span style="flex-grow:{max(1, split.frames)}">'
+                f"{html.escape(split.name)} {split.frames:,}</span>"
+                for split in splits
             )
-            text = ", ".join(f"{one.name}: {one.frames:,}" for one in splits)
+            text = ", ".join(f"{split.name}: {split.frames:,}" for split in splits)
             rows.append(
                 (
                     f"split by {_SPLIT_BY[kind]}",
                     f'<span class="split" title="{html.escape(text)}">{drawn}</span>',
                 )
             )
-    for one in inspection.sizes[:MOST_IN_A_LINE]:
-        size = f"{one.width} x {one.height} px"
-        rows.append(("size of images", f"{size}, {count_of(one.images, 'frame')}"))
+    for of_size in inspection.sizes[:MOST_IN_A_LINE]:
+        size = f"{of_size.width} x {of_size.height} px"
+        rows.append(("size of images", f"{size}, {count_of(of_size.images, 'frame')}"))
     for cameras in inspection.cameras[:MOST_IN_A_LINE]:
         text = camera_text(cameras.folders, cameras.frames)
         rows.append(("cameras", html.escape(text)))
     unused = "".join(
-        _details(one.kind, one, with_why=False)
-        for one in (*inspection.left_over, *inspection.not_read)
+        _details(files.kind, files, with_why=False)
+        for files in (*inspection.left_over, *inspection.not_read)
     )
     refused = "".join(
-        _details(one.kind, one)
-        for one in (*inspection.refused, *inspection.refused_pictures)
+        _details(files.kind, files)
+        for files in (*inspection.refused, *inspection.refused_pictures)
     )
     boxes = inspection.boxes
-    faults = "".join(_details(FAULTS[one.kind], one) for one in boxes.faults)
+    faults = "".join(_details(FAULTS[fault.kind], fault) for fault in boxes.faults)
     faults = faults or '<p class="soft">None of the boxes in all labels.</p>'
     layout, *rest = facts(inspection)
     holds = next((value for name, value in rest if name == "holds"), "")
@@ -154,12 +154,13 @@ _CODE: Final = re.compile("`([^`]+)`")
 
 
 def _remarks(inspection: Inspection, remarks: Sequence[Remark]) -> str:
-    ordered = sorted(remarks, key=lambda one: not one.is_serious)
+    ordered = sorted(remarks, key=lambda remark: not remark.is_serious)
     items = [
-        _remark("serious" if one.is_serious else "note", one.text) for one in ordered
+        _remark("serious" if remark.is_serious else "note", remark.text)
+        for remark in ordered
     ]
     can_decide = inspection.boxes.count and inspection.with_role.get("segmentation")
-    if can_decide and not any(one.is_serious for one in remarks):
+    if can_decide and not any(remark.is_serious for remark in remarks):
         looked_at = count_of(inspection.pictures, "frame")
         fine = (
             f"all labels, and the pictures of {looked_at}, "
@@ -263,8 +264,8 @@ def _names(boxes: Sequence[DrawnBox], width: int, size: float) -> Iterator[str]:
 def _classes(inspection: Inspection) -> str:
     if not inspection.classes:
         return ""
-    most = max(1, *(one.boxes for one in inspection.classes))
-    rows = "".join(_class_row(one, most) for one in inspection.classes)
+    most = max(1, *(class_facts.boxes for class_facts in inspection.classes))
+    rows = "".join(_class_row(class_facts, most) for class_facts in inspection.classes)
     head = "".join(
         f"<span>{title}</span>"
         for title in (
@@ -284,30 +285,34 @@ def _classes(inspection: Inspection) -> str:
     )
 
 
-def _class_row(one: ClassFacts, most: int) -> str:
-    meaning = html.escape(measured_as(one.measured_as, one.nearest))
-    if one.measured_as is None:
+def _class_row(class_facts: ClassFacts, most: int) -> str:
+    meaning = html.escape(measured_as(class_facts.measured_as, class_facts.nearest))
+    if class_facts.measured_as is None:
         meaning = f'<span class="unknown-class">{meaning}</span>'
-    tags = f"<small>{html.escape(', '.join(one.tags))}</small>" if one.tags else ""
-    parts = (one.kept, one.looked_at.rejected, one.unmeasured)
-    total = one.looked_at.boxes
+    tags = (
+        f"<small>{html.escape(', '.join(class_facts.tags))}</small>"
+        if class_facts.tags
+        else ""
+    )
+    parts = (class_facts.kept, class_facts.looked_at.rejected, class_facts.unmeasured)
+    total = class_facts.looked_at.boxes
     verdicts = _bar(
         [(word, part, total) for word, part in zip(_VERDICTS, parts, strict=True)],
         " / ".join(map(str, parts)) if total else "none looked at",
         words="value verdicts",
     )
-    share = one.unknown_percent
+    share = class_facts.unknown_percent
     unknown = '<span class="soft">not measured</span>'
     if share is not None:
         values = ", ".join(
-            f"{each.name}: {each.number:,} px" for each in one.unknown[:4]
+            f"{each.name}: {each.number:,} px" for each in class_facts.unknown[:4]
         )
         unknown = _bar([("unknown", share, 100)], f"{share:.1f} %", values)
     return (
-        f"<div><b>{html.escape(one.name)}</b>"
+        f"<div><b>{html.escape(class_facts.name)}</b>"
         f'<span class="meaning">{meaning}{tags}</span>'
         f'<span class="wide"><span class="label">boxes</span>'
-        f"{_bar([('count', one.boxes, most)], f'{one.boxes:,}')}</span>"
+        f"{_bar([('count', class_facts.boxes, most)], f'{class_facts.boxes:,}')}</span>"
         f'<span class="wide"><span class="label">kept / rejected / unmeasured</span>'
         f"{verdicts}</span>"
         f'<span class="wide"><span class="label">unknown pixels in boxes</span> '
@@ -349,8 +354,8 @@ def _tags(inspection: Inspection) -> str:
         text = html.escape(segmentation_text(inspection))
         rows.append(("segmentation", f'<span class="images">{squares}</span>{text}'))
         rows += [
-            ("", html.escape(f"{count_of(one.number, 'image')}: {one.name}"))
-            for one in tags.notes[:5]
+            ("", html.escape(f"{count_of(note.number, 'image')}: {note.name}"))
+            for note in tags.notes[:5]
         ]
     if inspection.depth is not None:
         rows.append(("depth", html.escape(depth_text(inspection))))
@@ -379,11 +384,11 @@ def _streams(inspection: Inspection) -> str:
     if not inspection.streams:
         return ""
     rows = "".join(
-        f"<tr><td>{html.escape(ROLES.get(one.role, one.role))}</td>"
-        f'<td class="number">{one.images:,}</td><td>told by '
-        f'{html.escape(told_by(one))}</td><td class="path">{html.escape(one.example)}'
-        "</td></tr>"
-        for one in by_role(inspection)[:_MOST_STREAMS]
+        f"<tr><td>{html.escape(ROLES.get(stream.role, stream.role))}</td>"
+        f'<td class="number">{stream.images:,}</td><td>told by '
+        f'{html.escape(told_by(stream))}</td><td class="path">'
+        f"{html.escape(stream.example)}</td></tr>"
+        for stream in by_role(inspection)[:_MOST_STREAMS]
     )
     more = len(inspection.streams) - _MOST_STREAMS
     rest = f'<p class="soft">and {more:,} more</p>' if more > 0 else ""

@@ -121,9 +121,9 @@ class ServerOptions(OutputOptions):
             try:
                 return Client(self.server, self.token, retry_for=self.retry_for)
             finally:
-                for one in caught:
-                    if issubclass(one.category, IgnoredTokenFile):
-                        self.screen.note(str(one.message))
+                for warning in caught:
+                    if issubclass(warning.category, IgnoredTokenFile):
+                        self.screen.note(str(warning.message))
 
 
 def dataset_names(incomplete: str) -> list[str]:
@@ -159,10 +159,15 @@ class DataOptions(OutputOptions):
         return settings_of(data=self.data)
 
 
-def settings_of(**given: object) -> Settings:
-    """The settings from the environment, overridden by the given ones.
+def settings_of(
+    option_of_setting: Mapping[str, str] | None = None, /, **values: object
+) -> Settings:
+    """The settings from the environment, overridden by the values that are not None.
 
-    Raises `typer.BadParameter`: a value is not allowed; names its variable.
+    `option_of_setting` has the options that are not called as their setting.
+
+    Raises `typer.BadParameter`: a value is not allowed; names its option, or the
+    variable that it comes from.
     """
     from pydantic import ValidationError
 
@@ -170,16 +175,18 @@ def settings_of(**given: object) -> Settings:
     from app.settings import Settings
 
     chosen: dict[str, Any] = {
-        name: value for name, value in given.items() if value is not None
+        name: value for name, value in values.items() if value is not None
     }
+    options = {name: f"--{name}" for name in chosen} | {**(option_of_setting or {})}
     try:
         return Settings(**chosen)
     except ValidationError as exc:
-        faults = [
-            f"UNGHOST_{'_'.join(map(str, each['loc'])).upper()}: "
-            f"{in_words(each, show=True)}"
-            for each in exc.errors()
-        ]
+        faults = []
+        for fault in exc.errors():
+            name = str(fault["loc"][0])
+            variable = f"UNGHOST_{'_'.join(map(str, fault['loc'])).upper()}"
+            place = options[name] if name in chosen else variable
+            faults.append(f"{place}: {in_words(fault, show=True)}")
         raise typer.BadParameter("; ".join(faults)) from exc
 
 
@@ -229,11 +236,11 @@ def note_unknown_classes(
     named = config.get("classes")
     if not boxes or not isinstance(named, Mapping):
         return
-    known = {*CLASSES, *map(canonical_class, boxes)}
+    classes = {*CLASSES, *map(canonical_class, boxes)}
     for name in named:
-        if canonical_class(name) in known:
+        if canonical_class(name) in classes:
             continue
-        meant = similar(name, {*known, *boxes})
+        meant = similar(name, {*classes, *boxes})
         hint = f"; did you mean {meant!r}?" if meant else ""
         count = sum(boxes.values())
         screen.note(
@@ -255,8 +262,8 @@ def build_command(name: str, action: Action) -> typer.core.TyperCommand:
         for name, hint in get_type_hints(options, include_extras=True).items()
     }
 
-    def call(**given: object) -> None:
-        plain = {name: _plain(value) for name, value in given.items()}
+    def call(**values: object) -> None:
+        plain = {name: _plain(value) for name, value in values.items()}
         try:
             action(options(**plain))
         except KeyboardInterrupt as stop:

@@ -158,8 +158,8 @@ class LazyCommand(TyperCommand):
             return
         built = self.build()
         context = typer.Context(built, info_name=info_name, parent=parent)
-        given, _, _ = built.make_parser(context).parse_args(list(args))
-        if given.get("help"):
+        parsed, _, _ = built.make_parser(context).parse_args(list(args))
+        if parsed.get("help"):
             typer.echo(built.get_help(context))
             raise typer.Exit
 
@@ -217,8 +217,8 @@ _GROUPS: Final = {
 class Program(LazyGroup):
     """All commands, and groups of commands."""
 
-    def __init__(self, **given: Any) -> None:  # noqa: ANN401  # what typer passes on
-        super().__init__(**given)
+    def __init__(self, **arguments: Any) -> None:  # noqa: ANN401  # what typer passes on
+        super().__init__(**arguments)
         groups = [
             LazyGroup(
                 name=name,
@@ -258,8 +258,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
         from importlib.metadata import version
 
         Screen().text(f"unghost {version('unghost')}")
@@ -378,7 +378,7 @@ def error_lines(error: Exception) -> Iterator[str]:
     elif isinstance(error, ApiError):
         yield one_line(f"{error.detail} ({error.code})")
         faults = error.errors
-        if len(faults) > 1 or any(one.detail not in error.detail for one in faults):
+        if len(faults) > 1 or any(fault.detail not in error.detail for fault in faults):
             yield from (one_line(f"  {fault}") for fault in faults)
             if error.more_errors:
                 yield f"  and {error.more_errors} more"

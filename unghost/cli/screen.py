@@ -62,12 +62,12 @@ def refused_on(*errors: type[Exception], text: str = "") -> Iterator[None]:
 
 @contextmanager
 def naming_options(
-    option_of_field: Mapping[str, str], given: Mapping[str, object]
+    option_of_field: Mapping[str, str], values: Mapping[str, object]
 ) -> Iterator[None]:
     """Name the command's options in a refusal, where the server names fields.
 
     `option_of_field` has the beginnings of fields' JSON pointers, and what replaces
-    them. `given` has the values by option: the server quotes no text, which may be a
+    them. `values` are by option: the server quotes no text, which may be a
     secret in some requests; here it is what the user has just typed.
 
     Raises `typer.BadParameter` if the server refuses values of options only
@@ -89,8 +89,8 @@ def naming_options(
         ):
             # The value, if the fault does not say it
             says_all = not why.startswith("expected ") or ", found " in why
-            if colon and option in given and not says_all:
-                lines[row] += f", found {str(given[option])[:_SHOWN]!r}"
+            if colon and option in values and not says_all:
+                lines[row] += f", found {str(values[option])[:_SHOWN]!r}"
         text = "\n  ".join(lines)
         if all(line.startswith("--") for line in lines):
             raise typer.BadParameter(text) from error
@@ -303,8 +303,8 @@ def one_line(text: str) -> str:
     return _CONTROL_OR_BREAK.sub(_escaped, text)
 
 
-def _escaped(found: re.Match[str]) -> str:
-    return f"\\u{ord(found.group()):04x}"
+def _escaped(match: re.Match[str]) -> str:
+    return f"\\u{ord(match.group()):04x}"
 
 
 def _print(text: str) -> None:

@@ -85,8 +85,8 @@ def serve(options: ServeOptions) -> None:
     def ready(link: startup.LoginLink) -> None:
         # Left behind by a service that was killed.
         remove_login_pages(settings.data)
-        found = {"login_link": link.url, "data": str(settings.data)}
-        screen.record(found, startup.ready_text(link.url))
+        record = {"login_link": link.url, "data": str(settings.data)}
+        screen.record(record, startup.ready_text(link.url))
         if options.open:
             arguments = (link.url, settings.data, link.is_over, stop)
             opened.append(threading.Thread(target=show_login_page, args=arguments))
@@ -269,7 +269,7 @@ class _Filling:
             self.refused = report.refused
             report.print_problems()
             self._screen.record({"dataset": _DEMO_DATASET, "stats": numbers.raw})
-            verdicts = {one.label: one.verdict.value for one in Reason}
+            verdicts = {reason.label: reason.verdict.value for reason in Reason}
             rows = (
                 (count, verdicts.get(reason, ""), reason.replace("_", " "))
                 for reason, count in most_first(numbers.by_reason)
@@ -303,6 +303,6 @@ def _outgoing(line: dict[str, object]) -> OutgoingFrame:
 
     annotation = dict(line)
     key = str(annotation.pop("key"))
-    found = {kind: annotation.pop(kind, None) for kind in FRAME_FILES}
-    files = {kind: Path(str(path)) for kind, path in found.items() if path}
+    paths = {kind: annotation.pop(kind, None) for kind in FRAME_FILES}
+    files = {kind: Path(str(path)) for kind, path in paths.items() if path}
     return OutgoingFrame(key, annotation, files)

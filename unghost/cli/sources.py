@@ -73,10 +73,10 @@ def _layout_name(word: str) -> str:
         return word
     from filter_core.formats.recording import known_layouts
 
-    known = known_layouts(word)
-    if word not in known:
+    layouts = known_layouts(word)
+    if word not in layouts:
         raise typer.BadParameter(
-            f"{word!r} is not one of {', '.join(map(repr, known))}."
+            f"{word!r} is not one of {', '.join(map(repr, layouts))}."
         )
     return word
 
@@ -208,8 +208,8 @@ class SourceOptions:
     @property
     def reading(self) -> dict[str, str]:
         """The given options for segmentations, with the names of datasets' settings."""
-        given = {name: getattr(self, name) for name in SEGMENTATION_SETTINGS}
-        return {name: word for name, word in given.items() if word is not None}
+        words = {name: getattr(self, name) for name in SEGMENTATION_SETTINGS}
+        return {name: word for name, word in words.items() if word is not None}
 
     @property
     def outside(self) -> dict[str, object]:
@@ -225,24 +225,24 @@ class SourceOptions:
         from filter_core.errors import ConfigError
         from filter_core.formats.registry import describe_source
 
-        given = {
+        keys = {
             name: getattr(self, name)
             for name in (*_DESCRIBING, *SEGMENTATION_SETTINGS)
             if getattr(self, name) is not None
         }
-        given |= {
-            name: _folder_of(source, given[name], name)
+        keys |= {
+            name: _folder_of(source, keys[name], name)
             for name in ("segmentation", "labels")
-            if name in given
+            if name in keys
         }
         if self.classes is not None:
-            given["classes"] = _names(self.classes)
+            keys["classes"] = _names(self.classes)
         if self.class_map is not None:
-            given["class_map"] = dict(_class_map(self.class_map))
+            keys["class_map"] = dict(_class_map(self.class_map))
         if self.layout != "auto":
-            given["layout"] = self.layout
+            keys["layout"] = self.layout
         try:
-            return describe_source(source, self.recording, given | self.outside)
+            return describe_source(source, self.recording, keys | self.outside)
         except ConfigError as exc:
             # The error about a key of a description, with the option in its place
             name, colon, rest = exc.detail.partition(": ")
@@ -254,8 +254,10 @@ class SourceOptions:
 
 
 def _folder_of(source: Path, folder: Path, option: str) -> Path:
-    """The folder that an option names: that in SOURCE, as in recording.yaml, else as
-    the shell has it."""
+    """The folder that an option names.
+
+    It is that in SOURCE, as in recording.yaml, else as the shell has it.
+    """
     home = source if source.is_dir() else source.parent
     for path in (home / folder, folder):
         if path.is_dir():
@@ -288,8 +290,8 @@ def _names(words: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in words.split(","))
 
 
-def _class_map(given: Iterable[str]) -> Iterator[tuple[str, str]]:
-    for entry in (entry for words in given for entry in _names(words)):
+def _class_map(texts: Iterable[str]) -> Iterator[tuple[str, str]]:
+    for entry in (entry for words in texts for entry in _names(words)):
         # A name may have "=" in it; the class it measures as has none.
         name, _, meant = entry.rpartition("=")
         if not name.strip() or not meant.strip():
@@ -374,19 +376,19 @@ def open_source(path: Path, layout: str, description: RecordingDescription) -> F
             f"example with --layout {possible[0]}"
         )
     try:
-        found = read_source(path, possible[0] if possible else chosen, description)
+        frames = read_source(path, possible[0] if possible else chosen, description)
     except LayoutError as exc:
         if exc.kind == UNUSED_OPTION:
             raise typer.BadParameter(exc.detail) from exc
         if isinstance(exc, NoClassList):
             raise Refused(f"{exc.detail}; {_class_options(path, chosen)}") from exc
         raise
-    if found.count is None and found.layout == "manifest":
-        found = replace(found, count=_count_lines(path))
-    if found.count == 0:
-        problem = f"no frames in {name_of(path)} (layout {found.layout})"
-        raise Refused("\n".join([problem, *unmatched_lines(found.unmatched)]))
-    return found
+    if frames.count is None and frames.layout == "manifest":
+        frames = replace(frames, count=_count_lines(path))
+    if frames.count == 0:
+        problem = f"no frames in {name_of(path)} (layout {frames.layout})"
+        raise Refused("\n".join([problem, *unmatched_lines(frames.unmatched)]))
+    return frames
 
 
 def _class_options(path: Path, layout: str) -> str:
@@ -469,13 +471,13 @@ def shown_by(
     return shown
 
 
-def outgoing(found: FrameSet) -> Iterator[OutgoingFrame | NotSent]:
+def outgoing(frames: FrameSet) -> Iterator[OutgoingFrame | NotSent]:
     """Frames to be sent; one that cannot be read becomes `NotSent` with the reason."""
     from filter_core.formats.reading import missing_image
     from filter_core.formats.same import with_labels
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
-    for frame in found:
+    for frame in frames:
         # The server knows the names of no labels.
         if problem := frame.problem or missing_image(frame):
             yield NotSent(frame.key, problem)
@@ -483,7 +485,7 @@ def outgoing(found: FrameSet) -> Iterator[OutgoingFrame | NotSent]:
         files = {"image": frame.image, "segmentation": frame.segmentation}
         files |= frame.others
         there = {name: path for name, path in files.items() if path is not None}
-        yield OutgoingFrame(frame.key, with_labels(frame, found.layout), there)
+        yield OutgoingFrame(frame.key, with_labels(frame, frames.layout), there)
 
 
 class FrameCheck:
@@ -494,11 +496,11 @@ class FrameCheck:
         self._any_box = False
         self._keys: set[str] = set()
 
-    def watch(self, found: FrameSet) -> FrameSet:
+    def watch(self, frames: FrameSet) -> FrameSet:
         """The same frames, looked at while they are read."""
 
         def watched() -> Iterator[FrameSource]:
-            for frame in found.frames():
+            for frame in frames.frames():
                 if frame.problem is None:
                     annotation = frame.annotation or {}
                     self._frames += 1
@@ -507,18 +509,18 @@ class FrameCheck:
                         self._keys.update(annotation)
                 yield frame
 
-        return replace(found, frames=watched)
+        return replace(frames, frames=watched)
 
-    def note(self, screen: Screen, found: FrameSet) -> None:
+    def note(self, screen: Screen, frames: FrameSet) -> None:
         """Note what was seen: how the folder was read, misspelt keys, no box at all."""
-        note_reading(screen, found)
+        note_reading(screen, frames)
         from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
         from filter_core.formats.manifest import FRAME_FILES
         from filter_core.values import similar
 
-        known = KNOWN_FRAME_KEYS.union(FRAME_FILES)
-        for key in sorted(self._keys - known):
-            if meant := similar(key, known, likeness=_MISSPELT):
+        keys = KNOWN_FRAME_KEYS.union(FRAME_FILES)
+        for key in sorted(self._keys - keys):
+            if meant := similar(key, keys, likeness=_MISSPELT):
                 screen.note(
                     one_line(
                         f"the key {key!r} of frames is kept, but has no meaning; "
@@ -532,31 +534,31 @@ class FrameCheck:
         if self._any_box or not self._frames:
             return
         hints = ["--layout names another layout"]
-        if "labels" in layout_format(found.layout).read_options:
+        if "labels" in layout_format(frames.layout).read_options:
             hints.append("--labels the folder of the labels")
         why = "which lists no boxes"
-        if "labels" in layout_format(found.layout).read_options:
+        if "labels" in layout_format(frames.layout).read_options:
             why = "whose labels were found, and are empty"
-        if found.layout == PAIRS.name:  # which reads every image as a frame
+        if frames.layout == PAIRS.name:  # which reads every image as a frame
             why = "which expects the boxes of an image NAME.png in NAME.json"
             hints.append("--segmentation that of the segmentations")
         screen.note(
-            f"no frame has a box ({self._frames} read, layout {found.layout}, {why}); "
+            f"no frame has a box ({self._frames} read, layout {frames.layout}, {why}); "
             f"{', '.join(hints)}"
         )
 
 
-def note_reading(screen: Screen, found: FrameSet) -> None:
+def note_reading(screen: Screen, frames: FrameSet) -> None:
     """Note how the files were read, when all have been: what was recognised."""
-    for sentence in found.notes():
-        screen.note(one_line(with_options(f"{found.layout}: {sentence}")))
+    for sentence in frames.notes():
+        screen.note(one_line(with_options(f"{frames.layout}: {sentence}")))
 
 
-def default_class_of(found: FrameSet, description: RecordingDescription) -> str | None:
+def default_class_of(frames: FrameSet, description: RecordingDescription) -> str | None:
     """The class of labels that carry none; None if the layout has no such labels."""
     from filter_core.formats.registry import layout_format
 
-    has_some = "default_class" in layout_format(found.layout).read_options
+    has_some = "default_class" in layout_format(frames.layout).read_options
     return description.default_class if has_some else None
 
 
@@ -567,9 +569,9 @@ def naming_reading(detail: str, *, of_dataset: bool = False) -> str:
     """
     where = " in the settings of a dataset that has frames" if of_dataset else ""
 
-    def named(found: re.Match[str]) -> str:
-        name, value = found.groups()
-        return f"--{name.replace('_', '-')} {value} ({found.group()}{where})"
+    def named(match: re.Match[str]) -> str:
+        name, value = match.groups()
+        return f"--{name.replace('_', '-')} {value} ({match.group()}{where})"
 
     return with_options(_READING_SETTING.sub(named, detail))
 
@@ -580,24 +582,24 @@ def with_options(text: str) -> str:
     An option stands in place of a key, or behind it where the file is named, too.
     """
 
-    def named(found: re.Match[str]) -> str:
-        key, below, value = found["key"], found["below"], found["value"] or ""
+    def named(match: re.Match[str]) -> str:
+        key, below, value = match["key"], match["below"], match["value"] or ""
         option: str | None = "--class-map"
         if key != "classes":
             from filter_core.formats.recording import place_in_file
 
             place = f"{key}.{below}" if below else key
             names = ("layout", "classes", *_DESCRIBING, *SEGMENTATION_SETTINGS)
-            options = (one for one in names if place_in_file(one) == place)
-            option = next((f"--{one.replace('_', '-')}" for one in options), None)
+            options = (name for name in names if place_in_file(name) == place)
+            option = next((f"--{name.replace('_', '-')}" for name in options), None)
         if option is None:
-            return found.group()
+            return match.group()
         if option == "--class-map" and below:
-            value = f"{below}={found['of']}"
+            value = f"{below}={match['of']}"
         elif below:
-            value = found["of"].strip("[]").replace(", ", ",")
+            value = match["of"].strip("[]").replace(", ", ",")
         words = f"{option} {value}".rstrip()
-        return f"{found.group()} ({words})" if found["file"] else words
+        return f"{match.group()} ({words})" if match["file"] else words
 
     return _KEY.sub(named, text)
 

@@ -89,9 +89,9 @@ def unmapped_names(names: Iterable[str], config: FilterConfig) -> list[str]:
     from filter_core.classes import PASS
 
     plan = config.measuring()
-    wanted = [name for name in names if plan.measured_class(name) != PASS]
-    masks = plan.accept_masks(wanted, None).tolist()
-    return [name for name, mask in zip(wanted, masks, strict=True) if not mask]
+    measured = [name for name in names if plan.measured_class(name) != PASS]
+    masks = plan.accept_masks(measured, None).tolist()
+    return [name for name, mask in zip(measured, masks, strict=True) if not mask]
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def noise_tables(noise: NoiseObject) -> list[Table]:
     arms = noise["arms"]
     by_class = {name: arm["by_class"] for name, arm in arms.items()}
     by_band = {
-        name: {one["band"]: one for one in arm["by_distance"]}
+        name: {part["band"]: part for part in arm["by_distance"]}
         for name, arm in arms.items()
     }
     by_pixels = zip(*(arm["by_pixels"] for arm in arms.values()), strict=True)
@@ -49,7 +49,7 @@ def noise_tables(noise: NoiseObject) -> list[Table]:
         (
             of_arms[0]["pixels"],
             of_arms[0]["boxes"],
-            *(one["labelled"] for one in of_arms),
+            *(part["labelled"] for part in of_arms),
         )
         for of_arms in by_pixels
     ]
@@ -79,8 +79,8 @@ def noise_tables(noise: NoiseObject) -> list[Table]:
 def _noise_row(arm: ArmObject) -> Iterator[object]:
     yield from (arm["labels"], arm["kept_hidden"], arm["doubtful"], arm["misplaced"])
     yield arm["rejected_visible"]
-    for one in (arm["precision"], arm["recall"], arm["f1"]):
-        yield None if one is None else round(one["value"], 3)
+    for score in (arm["precision"], arm["recall"], arm["f1"]):
+        yield None if score is None else round(score["value"], 3)
 
 
 def _wrong_labels(
@@ -90,7 +90,9 @@ def _wrong_labels(
     rows = []
     for part, score in next(iter(parts.values())).items():
         cells = (arm[part] for arm in parts.values())
-        wrong = (f"{one['kept_hidden']} + {one['rejected_visible']}" for one in cells)
+        wrong = (
+            f"{cell['kept_hidden']} + {cell['rejected_visible']}" for cell in cells
+        )
         rows.append((part, score["kept_visible"] + score["rejected_visible"], *wrong))
     hint = "Ghosts among the labels + objects without a label."
     return Table(tag, title, hint, (tag, "objects", *parts), rows)
@@ -119,11 +121,14 @@ def score_tables(comparison: ComparisonObject) -> list[Table]:
             [
                 (
                     name,
-                    *(round(one["map50"][key], 4) for key in ("value", "low", "high")),
-                    ", ".join(f"{v:+.4f}" for v in one["map50"]["by_seed"].values()),
-                    "yes" if one["map50"]["shown"] else "no",
+                    *(
+                        round(delta["map50"][key], 4)
+                        for key in ("value", "low", "high")
+                    ),
+                    ", ".join(f"{v:+.4f}" for v in delta["map50"]["by_seed"].values()),
+                    "yes" if delta["map50"]["shown"] else "no",
                 )
-                for name, one in comparison["differences"].items()
+                for name, delta in comparison["differences"].items()
             ],
         ),
         _by_part("AP50", "AP50 by class", "class", "ap50", arms),
@@ -134,7 +139,9 @@ def score_tables(comparison: ComparisonObject) -> list[Table]:
 def _score_row(arm: ArmScore) -> Iterator[object]:
     yield arm["trials"]
     map50 = arm["map50"]
-    yield from (round(one, 4) for one in (map50["value"], map50["low"], map50["high"]))
+    yield from (
+        round(number, 4) for number in (map50["value"], map50["low"], map50["high"])
+    )
     yield round(arm["map50_95"]["value"], 4)
     yield from (round(number, 3) for number in arm["means"].values())
 
@@ -150,7 +157,10 @@ def _by_part(
         (
             name,
             round(score["objects"]),
-            *(round(one[name][number], 3) if name in one else None for one in each),
+            *(
+                round(scores[name][number], 3) if name in scores else None
+                for scores in each
+            ),
         )
         for name, score in each[0].items()
     ]
@@ -188,9 +198,9 @@ def worth_page(
     if comparison is not None:
         arms, differences = comparison["arms"], comparison["differences"]
         of_arms, of_differences, *others = score_tables(comparison)
-        map50 = {name: one["map50"] for name, one in arms.items()}
+        map50 = {name: arm["map50"] for name, arm in arms.items()}
         parts.append(table_section(of_arms, _intervals(map50)))
-        map50 = {name: one["map50"] for name, one in differences.items()}
+        map50 = {name: difference["map50"] for name, difference in differences.items()}
         parts.append(table_section(of_differences, _intervals(map50)))
         parts += map(table_section, others)
     told, *others = noise_tables(noise)
@@ -245,8 +255,8 @@ def _intervals(scores: Mapping[str, SeededObject]) -> str:
     """The value of each arm with its interval, and a small mark for each seed."""
     if not scores:
         return ""
-    low = min(0.0, *(one["low"] for one in scores.values()))
-    high = max(0.0, *(one["high"] for one in scores.values()))
+    low = min(0.0, *(score["low"] for score in scores.values()))
+    high = max(0.0, *(score["high"] for score in scores.values()))
     scale = (_WIDTH - _TITLES - 90) / max(high - low, 1e-9)
 
     def x(value: float) -> float:
@@ -254,20 +264,20 @@ def _intervals(scores: Mapping[str, SeededObject]) -> str:
 
     height = _ROW * len(scores) + 8
     parts = [_path(f"M{x(0):.1f} 0V{height}", "stroke:var(--line-strong)")]
-    for number, (name, one) in enumerate(scores.items()):
+    for number, (name, score) in enumerate(scores.items()):
         y = _ROW * number + 18
         parts.append(_text(_TITLES - 10, y + 5, name, anchor="end"))
-        parts.append(_path(f"M{x(one['low']):.1f} {y}H{x(one['high']):.1f}", _LINE))
-        for value in one["by_seed"].values():
+        parts.append(_path(f"M{x(score['low']):.1f} {y}H{x(score['high']):.1f}", _LINE))
+        for value in score["by_seed"].values():
             parts.append(
                 _path(f"M{x(value):.1f} {y - 8}v16", "stroke:var(--text-soft)")
             )
         parts.append(
-            f'<circle cx="{x(one["value"]):.1f}" cy="{y}" r="5" '
+            f'<circle cx="{x(score["value"]):.1f}" cy="{y}" r="5" '
             'style="fill:var(--accent)"/>'
         )
-        end = x(max(one["high"], *one["by_seed"].values(), one["value"]))
-        parts.append(_text(end + 10, y + 5, f"{one['value']:.3f}"))
+        end = x(max(score["high"], *score["by_seed"].values(), score["value"]))
+        parts.append(_text(end + 10, y + 5, f"{score['value']:.3f}"))
     return _svg(height, "Values with their intervals", parts)
 
 

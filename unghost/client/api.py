@@ -115,14 +115,15 @@ class Api:
     def create_dataset(
         self, /, name: str, *, exist_ok: bool = False, **options: Unpack[DatasetOptions]
     ) -> Call[wire.Dataset]:
-        """Make a dataset; `config` is a mapping of keys, `recording` what a
-        recording.yaml says.
+        """Make a dataset.
+
+        `config` is a mapping of keys, `recording` what a recording.yaml says.
 
         With `exist_ok`, a dataset of this name is returned as it is, whatever its
         options are; without, `Conflict` is raised.
         """
-        given = {key: value for key, value in options.items() if value is not None}
-        body = {"name": name, **given}
+        settings = {key: value for key, value in options.items() if value is not None}
+        body = {"name": name, **settings}
         params = {"exist_ok": exist_ok or None}
         read = result(wire.Dataset)
         return Call("POST", f"{API}/datasets", read, json=body, params=params)
@@ -215,11 +216,11 @@ class Api:
         (`created` is False). Other content under the same key raises `Conflict`,
         unless `replace` is set.
         """
-        given: dict[str, Any] = {
-            name: one for name, one in files.items() if one is not None
+        contents: dict[str, Any] = {
+            name: content for name, content in files.items() if content is not None
         }
         boxes = {"boxes": []} if annotation is None else annotation
-        frame = OutgoingFrame(key, boxes, given)
+        frame = OutgoingFrame(key, boxes, contents)
         return frame_stored(dataset_path(dataset), frame, replace=replace)
 
     @listing
@@ -280,8 +281,10 @@ class Api:
     def boxes(
         self, /, dataset: str, **filters: Unpack[BoxFilters]
     ) -> Listing[wire.Decision]:
-        """The boxes of a dataset; filters and `sort` as in the API, `class_name` for
-        `class`. Several classes, reasons or ids may be given as a list.
+        """The boxes of a dataset; filters and `sort` as in the API.
+
+        `class_name` is for `class`. Several classes, reasons or ids may be given as a
+        list.
 
         All of them: `limit` is how many one request fetches. `to_pandas()`,
         `to_polars()` and `to_arrow()` of the result read them as a table instead.
@@ -299,12 +302,14 @@ class Api:
         self, /, dataset: str, **filters: Unpack[BoxFilters]
     ) -> Call[wire.Selection]:
         """All boxes that match a filter, as they are now, for `bulk_review`."""
-        given = _as_in_api(filters).items()
+        conditions = _as_in_api(filters).items()
 
         def read(body: Json) -> wire.Selection:
             return wire.Selection(
                 dataset=dataset,
-                filter={key: one for key, one in given if key not in _COUNT_ONLY},
+                filter={
+                    key: value for key, value in conditions if key not in _COUNT_ONLY
+                },
                 count=int(body["total"]),
                 snapshot=str(body["snapshot"]),
             )
@@ -414,7 +419,7 @@ class Api:
         already, or were not stored because the box has a newer answer or does not
         exist.
         """
-        body = {"answers": [dict(one) for one in answers]}
+        body = {"answers": [dict(entry) for entry in answers]}
         return posted(
             wire.ImportedAnswers, dataset_path(dataset, "reviews/import"), body
         )
@@ -527,8 +532,9 @@ class Api:
     def diff(
         self, run: wire.Run | int, against: wire.Run | int | None = None
     ) -> Call[wire.Diff]:
-        """Counts of the boxes that a run decides otherwise than another run (default:
-        the one that was active before it).
+        """Counts of the boxes that a run decides otherwise than another run.
+
+        The default of the other run is the one that was active before it.
         """
         return got(wire.Diff, f"{run_path(run)}/diff", **_against(against), limit=1)
 
@@ -562,11 +568,11 @@ class Api:
         since: str | None = None,
         **options: Unpack[ExportChoices],
     ) -> Call[wire.Export]:
-        """Start writing the labels to a ZIP archive; docs/formats.md lists the formats
-        and their options.
+        """Start writing the labels to a ZIP archive.
 
-        With a `name` it is a version, whose file is kept. With `since`, the name of a
-        version, only frames that are new or have changed are written.
+        docs/formats.md lists the formats and their options. With a `name` it is a
+        version, whose file is kept. With `since`, the name of a version, only frames
+        that are new or have changed are written.
         """
         path = dataset_path(dataset, "exports")
         body: dict[str, object] = {"format": format, "options": options}
@@ -576,8 +582,9 @@ class Api:
 
     @endpoint
     def parts(self, dataset: str, split: Sequence[float] = ()) -> Call[wire.Parts]:
-        """The parts that an export with these shares of train, val and test would have;
-        without shares those that the frames have.
+        """The parts that an export with these shares of train, val and test would have.
+
+        Without shares, those that the frames have.
         """
         return got(wire.Parts, dataset_path(dataset, "parts"), split=split)
 
@@ -782,7 +789,7 @@ def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
 def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
     """The stored frames with these keys (at most 1,000), by key."""
     read = answer(
-        lambda body: {one.key: one for one in wire.KnownFrames.read(body).items}
+        lambda body: {frame.key: frame for frame in wire.KnownFrames.read(body).items}
     )
     return Call("POST", f"{dataset}/known-frames", read, json={"keys": keys})
 

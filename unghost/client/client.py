@@ -177,8 +177,8 @@ def _items_in_thread(
     ) -> AsyncIterator[T]:
         blocking = method(client._threaded, *args, **kwargs)
         try:
-            while found := await asyncio.to_thread(lambda: list(islice(blocking, 1))):
-                yield found[0]
+            while head := await asyncio.to_thread(lambda: list(islice(blocking, 1))):
+                yield head[0]
         finally:
             close = getattr(blocking, "close", None)
             if close is not None:

@@ -91,9 +91,9 @@ def find_server(
     """
     env = os.environ if environ is None else environ
     address = _address(url, env)
-    given = token or env.get("UNGHOST_TOKEN")
-    if given:
-        return Server(address, given.strip())
+    secret = token or env.get("UNGHOST_TOKEN")
+    if secret:
+        return Server(address, secret.strip())
     stored = stored_servers(env).tokens.get(address)
     if stored and not env.get("UNGHOST_DATA"):
         return Server(address, stored)
@@ -111,11 +111,11 @@ def found_again(server: Server) -> Server | None:
     """
     if server.token is not None and server.token_file is None:
         return None
-    found = _local_server(server.url, os.environ)
-    if found.token in (None, server.token):
+    renewed = _local_server(server.url, os.environ)
+    if renewed.token in (None, server.token):
         return None
-    refuse_foreign(found)
-    return found
+    refuse_foreign(renewed)
+    return renewed
 
 
 @dataclass(frozen=True)
@@ -259,12 +259,12 @@ def _small_text(file: Path) -> tuple[str, int]:
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(file, flags), encoding="utf-8") as opened:
-            found = os.fstat(opened.fileno())
-            is_file = stat.S_ISREG(found.st_mode)
+            status = os.fstat(opened.fileno())
+            is_file = stat.S_ISREG(status.st_mode)
             token = opened.read(_MAX_TOKEN).strip() if is_file else ""
     except (OSError, UnicodeDecodeError):
         return "", _ROOT
-    return token, found.st_uid
+    return token, status.st_uid
 
 
 def is_local(host: str) -> bool:
@@ -314,11 +314,11 @@ def listening_uids(host: str, port: int) -> frozenset[int]:
 
 def _reached(address: Address, there: list[tuple[Address, int]]) -> set[int]:
     own = (address, _ANY[address.version])
-    found = {uid for listening, uid in there if listening in own}
-    if not found and address.version == 4:
+    owners = {uid for listening, uid in there if listening in own}
+    if not owners and address.version == 4:
         # An IPv6 socket also accepts IPv4 connections that no IPv4 socket accepts.
-        found = {uid for listening, uid in there if listening == _ANY[6]}
-    return found
+        owners = {uid for listening, uid in there if listening == _ANY[6]}
+    return owners
 
 
 def _listeners(port: int) -> Iterator[tuple[Address, int]]:

@@ -53,9 +53,9 @@ class ApiError(Exception):
         self.retry_after_s = retry_after_s
         errors = problem.get("errors")
         self.errors = tuple(
-            wire.Fault.read(one)
-            for one in (errors if isinstance(errors, list) else ())
-            if isinstance(one, Mapping)
+            wire.Fault.read(fault)
+            for fault in (errors if isinstance(errors, list) else ())
+            if isinstance(fault, Mapping)
         )
         more = problem.get("more_errors")
         self.more_errors = more if isinstance(more, int) else 0

@@ -296,10 +296,10 @@ class _Download:
         if self.sha256 is None:
             return 0
         try:
-            found = self.partial.lstat()
+            status = self.partial.lstat()
         except FileNotFoundError:
             return 0
-        have = found.st_size if _is_only_ours(found) else 0
+        have = status.st_size if _is_only_ours(status) else 0
         return have if self.size_bytes is None or have <= self.size_bytes else 0
 
     def _continue(self, progress: Callable[[int, int | None], object]) -> None:
@@ -334,10 +334,10 @@ class _Download:
         return file
 
 
-def _is_only_ours(found: os.stat_result) -> bool:
+def _is_only_ours(status: os.stat_result) -> bool:
     """Whether this is a regular file of this user, without a second name."""
-    is_mine = not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
-    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1 and is_mine
+    is_mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+    return stat.S_ISREG(status.st_mode) and status.st_nlink == 1 and is_mine
 
 
 def _as_received(response: httpx.Response) -> httpx.Response:

@@ -357,12 +357,12 @@ def _piece(content: _Content) -> Piece:
     if isinstance(content, bytes):
         return content
     path = Path(content)
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
         raise IsADirectoryError(f"{path.name} is not a file")
     if not os.access(path, os.R_OK):
         raise PermissionError(f"{path.name} cannot be read: permission denied")
-    return FilePiece(path, found.st_size)
+    return FilePiece(path, status.st_size)
 
 
 def _member(name: str, content: Piece) -> Iterator[Piece]:

@@ -127,20 +127,20 @@ class Upload:
             for frame in frames
             if isinstance(frame, OutgoingFrame) and is_text(frame.key)
         ]
-        known = self.transport.send(known_frames(self.path, keys)) if keys else {}
+        stored = self.transport.send(known_frames(self.path, keys)) if keys else {}
         compared = (
             frame
             for frame in frames
-            if isinstance(frame, OutgoingFrame) and frame.key in known
+            if isinstance(frame, OutgoingFrame) and frame.key in stored
         )
         with ThreadPoolExecutor(_HASHING, "compare") as pool:
             digests = iter(list(pool.map(_digest, compared)))
         for frame in frames:
-            if isinstance(frame, NotSent) or frame.key not in known:
+            if isinstance(frame, NotSent) or frame.key not in stored:
                 yield frame
                 continue
             digest = next(digests)
-            there = known[frame.key]
+            there = stored[frame.key]
             if isinstance(digest, NotSent):
                 yield digest
             elif digest == there.digest:
@@ -241,8 +241,8 @@ class _Senders:
     def _sender(self) -> BatchSender:
         """The sender of this thread, created on first use."""
         if hasattr(self._of_thread, "sender"):
-            known: BatchSender = self._of_thread.sender
-            return known
+            existing: BatchSender = self._of_thread.sender
+            return existing
         upload = self._upload
         params = {"replace": upload.replace or None}
         endpoint = upload.transport.endpoint(f"{upload.path}/batches", params)

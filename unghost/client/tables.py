@@ -162,13 +162,13 @@ class _Table:
     def __init__(
         self, listing: Listing[wire.Decision], fields: Sequence[str], most: int
     ) -> None:
-        given = listing.params
-        if given.get("sort", "id") != "id":
+        query = listing.params
+        if query.get("sort", "id") != "id":
             raise ValueError(
-                f"expected no sort for a table, found {given['sort']!r}: its boxes are "
+                f"expected no sort for a table, found {query['sort']!r}: its boxes are "
                 "in the order of frames; sort the data frame"
             )
-        kept = {name: one for name, one in given.items() if name not in _LIST_ONLY}
+        kept = {name: value for name, value in query.items() if name not in _LIST_ONLY}
         self._params = kept
         if fields:
             self._params["fields"] = ",".join(fields)
@@ -197,24 +197,24 @@ class _Table:
 
     def columns(self) -> Columns:
         """All pages together."""
-        found: Columns = {name: [] for name in self.pages[0]}
+        columns: Columns = {name: [] for name in self.pages[0]}
         for page in self.pages:
             for name, values in page.items():
-                found[name] += values
+                columns[name] += values
         if self._most:  # a page has whole frames
-            found = {name: values[: self._most] for name, values in found.items()}
-        return found
+            columns = {name: values[: self._most] for name, values in columns.items()}
+        return columns
 
 
 def kinds() -> dict[str, tuple[type, bool]]:
     """What each column holds (str, float, int or bool), and whether it may be None."""
-    found: dict[str, tuple[type, bool]] = {}
+    by_column: dict[str, tuple[type, bool]] = {}
     for name, field in wire.BoxColumns.model_fields.items():
         (inner,) = get_args(field.annotation)
         types = set(_types_in(inner))
         (plain,) = types - {type(None)}
-        found[field.alias or name] = (plain, type(None) in types)
-    return found
+        by_column[field.alias or name] = (plain, type(None) in types)
+    return by_column
 
 
 def _types_in(annotation: object) -> Iterator[type]:
@@ -223,8 +223,8 @@ def _types_in(annotation: object) -> Iterator[type]:
     elif get_origin(annotation) is Literal:
         yield from map(type, get_args(annotation))
     else:
-        for one in get_args(annotation):
-            yield from _types_in(one)
+        for argument in get_args(annotation):
+            yield from _types_in(argument)
 
 
 def to_pandas(columns: Columns) -> pandas.DataFrame:

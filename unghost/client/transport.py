@@ -220,10 +220,10 @@ class AsyncTransport:
                     return call.read(response)
                 raise
             except errors.Unauthorized:
-                if (found := found_again(server)) is None:
+                if (renewed := found_again(server)) is None:
                     raise
-                self._server = found
-                self._http.headers.update(_headers(found))
+                self._server = renewed
+                self._http.headers.update(_headers(renewed))
             except errors.Unavailable as error:
                 await asyncio.sleep(tries.wait_s(error))
 
@@ -341,10 +341,10 @@ class Transport:
                 raise
             except errors.Unauthorized:
                 # Another thread may have found it: this call was sent without.
-                if (found := found_again(server)) is None:
+                if (renewed := found_again(server)) is None:
                     raise
-                self._server = found
-                self._http.headers.update(_headers(found))
+                self._server = renewed
+                self._http.headers.update(_headers(renewed))
             except errors.Unavailable as error:
                 wait_s = tries.wait_s(error)  # may raise the error
                 if not self.pause(wait_s):

@@ -73,9 +73,9 @@ def main() -> None:
     model = _model(options.model, len(train.classes), train.hw).to(device)
     _train(model, train, options, device)
     val = _Part(options.data, "val", options.width)
-    found = list(_detections(model, val, options.batch, device))
+    detections = list(_detections(model, val, options.batch, device))
     draft = options.output / "predictions.part"
-    draft.write_text(json.dumps(found), "utf-8")
+    draft.write_text(json.dumps(detections), "utf-8")
     draft.replace(options.output / "predictions.json")
 
 
@@ -86,14 +86,16 @@ class _Part:
         path = data / "annotations" / f"instances_{part}.json"
         coco = json.loads(path.read_text("utf-8"))
         self.images: list[ImageObject] = coco["images"]
-        self.classes = [one["name"] for one in coco["categories"]]
+        self.classes = [category["name"] for category in coco["categories"]]
         first = self.images[0]
         height = width * first["height"] / first["width"]
         self.hw = (max(round(height / 32), 1) * 32, width)
         self.pixels = self._pixels(data, part)
-        boxes: dict[int, list[list[float]]] = {one["id"]: [] for one in self.images}
-        for one in coco["annotations"]:
-            boxes[one["image_id"]].append([*one["bbox"], one["category_id"]])
+        boxes: dict[int, list[list[float]]] = {image["id"]: [] for image in self.images}
+        for annotation in coco["annotations"]:
+            boxes[annotation["image_id"]].append(
+                [*annotation["bbox"], annotation["category_id"]]
+            )
         self._boxes = boxes
 
     def _pixels(self, data: Path, part: str) -> NDArray[np.uint8]:
@@ -104,10 +106,10 @@ class _Part:
         if not file.exists():
             draft = file.with_name(f"{file.name}.{os.getpid()}")
             with draft.open("wb") as out:
-                for one in self.images:
-                    image = cv2.imread(str(data / "images" / part / one["file_name"]))
+                for entry in self.images:
+                    image = cv2.imread(str(data / "images" / part / entry["file_name"]))
                     if image is None:
-                        raise SystemExit(f"{one['file_name']}: cannot be read")
+                        raise SystemExit(f"{entry['file_name']}: cannot be read")
                     small = cv2.resize(
                         image, (width, height), interpolation=cv2.INTER_AREA
                     )
@@ -197,7 +199,7 @@ def _model(name: str, classes: int, hw: tuple[int, int]) -> nn.Module:
         return made
     backbone = _Backbone((16, 24, 32, 48, 64), _CHANNELS)
     # FCOS looks for objects of 4 to 8 times these sizes in each level.
-    anchors = AnchorGenerator(tuple((one,) for one in _STRIDES), ((1.0,),) * 4)
+    anchors = AnchorGenerator(tuple((stride,) for stride in _STRIDES), ((1.0,),) * 4)
     norm = partial(nn.GroupNorm, 8)
     # Its own heads have four layers each, and a group for each of 32 channels.
     head = FCOSHead(_CHANNELS, 1, classes + 1, num_convs=1)
@@ -257,14 +259,14 @@ def _detections(
     count = len(val.images)
     for start in range(0, count, batch):
         rows = range(start, min(start + batch, count))
-        found = model([val.image(row, device) for row in rows])
-        for row, one in zip(rows, found, strict=True):
-            boxes = one["boxes"].cpu().numpy() / np.tile(val.scale(row), 2)
+        outputs = model([val.image(row, device) for row in rows])
+        for row, output in zip(rows, outputs, strict=True):
+            boxes = output["boxes"].cpu().numpy() / np.tile(val.scale(row), 2)
             boxes[:, 2:] -= boxes[:, :2]
             for box, label, score in zip(
                 boxes.round(2).tolist(),
-                one["labels"].tolist(),
-                one["scores"].tolist(),
+                output["labels"].tolist(),
+                output["scores"].tolist(),
                 strict=True,
             ):
                 yield {

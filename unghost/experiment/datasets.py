@@ -112,7 +112,9 @@ class _Coco:
                     "id": len(self.annotations) + 1,
                     "image_id": self.images[-1]["id"],
                     "category_id": label + 1,
-                    "bbox": [round(one, _DECIMALS) for one in (x, y, width, height)],
+                    "bbox": [
+                        round(number, _DECIMALS) for number in (x, y, width, height)
+                    ],
                     "area": round(width * height, _DECIMALS),
                     "iscrowd": 0,
                     **own,
@@ -201,11 +203,11 @@ class DatasetsWriter:
         self._truth.images.append(image)
         self._ghosts.images.append(image)
         is_seen = ~np.isnan(boxes.xyxy[:, 0])
-        known = np.flatnonzero((boxes.truth != GHOST) & is_seen)
+        objects = np.flatnonzero((boxes.truth != GHOST) & is_seen)
         self._truth.add(
-            boxes.xyxy[known],
-            [labels[row] for row in known],
-            [_facts(boxes, row) for row in known.tolist()],
+            boxes.xyxy[objects],
+            [labels[row] for row in objects],
+            [_facts(boxes, row) for row in objects.tolist()],
         )
         sides = boxes.raw_xyxy[:, 2:] - boxes.raw_xyxy[:, :2]
         ghosts = np.flatnonzero((boxes.truth == GHOST) & (sides > 0).all(axis=1))
@@ -219,7 +221,11 @@ class DatasetsWriter:
             train, own = (parts[part].content(self._classes) for part in PARTS)
             _write_json(place / "annotations" / "instances_train.json", train)
             _write_json(place / OWN_LABELS, own)
-            objects = [one for one in self._truth.annotations if not one["ignore"]]
+            objects = [
+                annotation
+                for annotation in self._truth.annotations
+                if not annotation["ignore"]
+            ]
             val = {**truth, "annotations": objects}
             _write_json(place / "annotations" / "instances_val.json", val)
             described = {
@@ -235,7 +241,7 @@ class DatasetsWriter:
 def _facts(boxes: LabelledBoxes, row: int) -> FactsObject:
     """What the truth says about a box besides its rectangle."""
     tight, distance = boxes.tight_xyxy[row], float(boxes.distance[row])
-    x, y, right, bottom = (round(float(one), _DECIMALS) for one in tight)
+    x, y, right, bottom = (round(float(edge), _DECIMALS) for edge in tight)
     return {
         "ignore": int(boxes.truth[row] == DOUBTFUL),
         "distance": None if np.isnan(distance) else round(distance, _DECIMALS),
@@ -251,7 +257,7 @@ def _yolo_lines(
     centre = (xyxy[:, :2] + xyxy[:, 2:]) / 2 / size
     sides = (xyxy[:, 2:] - xyxy[:, :2]) / size
     for label, numbers in zip(labels, np.hstack([centre, sides]).tolist(), strict=True):
-        yield f"{label} {' '.join(f'{one:.9f}' for one in numbers)}\n"
+        yield f"{label} {' '.join(f'{number:.9f}' for number in numbers)}\n"
 
 
 def _link(image: Path, place: Path) -> None:

@@ -103,7 +103,7 @@ def trainer_command(trainer: str, *, is_here: bool = True) -> list[str]:
                 "pip install 'unghost[train]', or name a command of another environment"
             )
         module = [sys.executable, "-m", "unghost.experiment"]
-        return [*module, *(f"{{{one}}}" for one in _PLACES), *words[1:]]
+        return [*module, *(f"{{{place}}}" for place in _PLACES), *words[1:]]
     for place in _PLACES:
         if not any(f"{{{place}}}" in word for word in words):
             raise TrialError(
@@ -155,8 +155,8 @@ class Experiment:
 
     def finished(self) -> list[tuple[str, int]]:
         """The arms and seeds of all finished trials, by name and number."""
-        found = (self.folder / "trials").glob(f"*/seed-*/{_RESULT}")
-        trials = ((one.parent.parent.name, one.parent.name) for one in found)
+        paths = (self.folder / "trials").glob(f"*/seed-*/{_RESULT}")
+        trials = ((path.parent.parent.name, path.parent.name) for path in paths)
         return sorted((arm, int(seed.removeprefix("seed-"))) for arm, seed in trials)
 
     def run(
@@ -210,11 +210,11 @@ class Experiment:
                 f"arm {arm}, seed {seed}: the trainer ended with exit code "
                 f"{trainer.returncode}; the end of {output / _LOG}:\n{said}"
             )
-        found = [one.name for one in output.rglob(PREDICTIONS)]
-        if len(found) != 1:
+        paths = [path.name for path in output.rglob(PREDICTIONS)]
+        if len(paths) != 1:
             raise TrialError(
                 f"arm {arm}, seed {seed}: expected one {PREDICTIONS} below {output}, "
-                f"found {len(found)}"
+                f"found {len(paths)}"
             )
         result = {
             "arm": arm,
@@ -232,23 +232,26 @@ class Experiment:
 
     @cached_property
     def _row_of_image(self) -> dict[int, int]:
-        return {one["id"]: row for row, one in enumerate(self._truth["images"])}
+        return {image["id"]: row for row, image in enumerate(self._truth["images"])}
 
     def test_set(self, name: str) -> EvaluationSet:
         """The truth that all arms are scored against."""
         truth = self._truth
-        tight = [one["tight_bbox"] or [math.nan] * 4 for one in truth["annotations"]]
+        tight = [
+            annotation["tight_bbox"] or [math.nan] * 4
+            for annotation in truth["annotations"]
+        ]
         drives: dict[object, int] = {}
         return EvaluationSet(
             name=name,
-            classes=tuple(one["name"] for one in truth["categories"]),
+            classes=tuple(category["name"] for category in truth["categories"]),
             objects=self._objects(truth["annotations"]),
             tight_xyxy=_xyxy(tight),
             ghosts=self._objects(truth["ghosts"]),
             drive=np.array(
                 [
-                    drives.setdefault(one["sequence"] or one["key"], len(drives))
-                    for one in truth["images"]
+                    drives.setdefault(image["sequence"] or image["key"], len(drives))
+                    for image in truth["images"]
                 ],
                 np.int64,
             ),
@@ -262,12 +265,12 @@ class Experiment:
         return Trial(key, self._detections(path), self._objects(own))
 
     def _objects(self, rows: Sequence[AnnotationObject]) -> Objects:
-        distance = [one.get("distance") for one in rows]
+        distance = [row.get("distance") for row in rows]
         return Objects(
-            np.array([self._row_of_image[one["image_id"]] for one in rows], np.int64),
-            np.array([one["category_id"] - 1 for one in rows], np.int64),
-            _xyxy([one["bbox"] for one in rows]),
-            np.array([one.get("ignore", 0) for one in rows], np.bool_),
+            np.array([self._row_of_image[row["image_id"]] for row in rows], np.int64),
+            np.array([row["category_id"] - 1 for row in rows], np.int64),
+            _xyxy([row["bbox"] for row in rows]),
+            np.array([row.get("ignore", 0) for row in rows], np.bool_),
             np.array([math.nan if d is None else d for d in distance], np.float64),
         )
 
@@ -277,32 +280,32 @@ class Experiment:
         Raises `TrialError`: names the result that has an error.
         """
         names = {
-            name: self._row_of_image[one["id"]]
-            for one in self._truth["images"]
-            for name in (one["id"], one["file_name"], Path(one["file_name"]).stem)
+            name: self._row_of_image[image["id"]]
+            for image in self._truth["images"]
+            for name in (image["id"], image["file_name"], Path(image["file_name"]).stem)
         }
         classes = len(self._truth["categories"])
         frame, label, boxes, score = [], [], [], []
         try:
             results = json.loads(path.read_text("utf-8"))
-            for number, one in enumerate(results):
-                row, category = names.get(one["image_id"]), one["category_id"]
-                box = np.array(one["bbox"], np.float64)
+            for number, result in enumerate(results):
+                row, category = names.get(result["image_id"]), result["category_id"]
+                box = np.array(result["bbox"], np.float64)
                 if row is None or category not in range(1, classes + 1):
                     raise TrialError(
                         f"{path}, result {number}: expected an image_id of the part "
                         f"val and a category_id from 1 to {classes}, found "
-                        f"{one['image_id']!r} and {category!r}"
+                        f"{result['image_id']!r} and {category!r}"
                     )
                 if box.shape != (4,) or not np.isfinite(box).all() or box[2:].min() < 0:
                     raise TrialError(
                         f"{path}, result {number}: expected a bbox as x, y, width and "
-                        f"height in pixels, found {one['bbox']!r}"
+                        f"height in pixels, found {result['bbox']!r}"
                     )
                 frame.append(row)
                 label.append(category - 1)
                 boxes.append(box)
-                score.append(float(one["score"]))
+                score.append(float(result["score"]))
         except (ValueError, TypeError, KeyError) as error:
             raise TrialError(
                 f"{path}: expected results as COCO has them, a list of objects with "

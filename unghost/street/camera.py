@@ -79,10 +79,10 @@ class Stage:
 
         def collected(chosen: IntArray) -> VisibleTriangles:
             parts = []
-            for one in chosen:
-                far = bool(distance[one] > _FAR_M)
-                shape = self.town.things[one].shape(time_s, far=far)
-                parts.append(shape.placed(matrices[one]))
+            for index in chosen:
+                far = bool(distance[index] > _FAR_M)
+                shape = self.town.things[index].shape(time_s, far=far)
+                parts.append(shape.placed(matrices[index]))
             mesh = join(parts)
             owner = np.repeat(chosen, [len(part) for part in parts]).astype(np.int32)
             two_sided = mesh.surface[:, 5] == SurfaceKind.LEAF
@@ -150,10 +150,10 @@ def _hidden(
     tiles: NDArray[np.float32] = tiled.min(axis=(1, 3))  # the farthest of each
     low, high, nearest = _windows(centres, reach, camera)
     hidden = np.zeros(len(centres), dtype=bool)
-    for one in np.flatnonzero(nearest > NEAR):
-        rows = slice(int(low[one, 1]) // _TILE, int(high[one, 1]) // _TILE + 1)
-        columns = slice(int(low[one, 0]) // _TILE, int(high[one, 0]) // _TILE + 1)
-        hidden[one] = tiles[rows, columns].min(initial=np.inf) > 1 / nearest[one]
+    for ball in np.flatnonzero(nearest > NEAR):
+        rows = slice(int(low[ball, 1]) // _TILE, int(high[ball, 1]) // _TILE + 1)
+        columns = slice(int(low[ball, 0]) // _TILE, int(high[ball, 0]) // _TILE + 1)
+        hidden[ball] = tiles[rows, columns].min(initial=np.inf) > 1 / nearest[ball]
     return hidden
 
 

@@ -122,10 +122,10 @@ def join(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def cross(one: FloatArray, two: FloatArray) -> FloatArray:
+def cross(first: FloatArray, second: FloatArray) -> FloatArray:
     """Vector products along the last axis; numpy's own takes four times as long."""
-    a, b, c = one[..., 0], one[..., 1], one[..., 2]
-    d, e, f = two[..., 0], two[..., 1], two[..., 2]
+    a, b, c = first[..., 0], first[..., 1], first[..., 2]
+    d, e, f = second[..., 0], second[..., 1], second[..., 2]
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
@@ -309,9 +309,9 @@ def _cells(grid: FloatArray) -> FloatArray:
 
 def _face_normals(closed: FloatArray, rings: FloatArray) -> FloatArray:
     """(S-1, K, 3): normals of the skin's quads, outwards from the rings' centres."""
-    one = closed[1:, 1:] - closed[:-1, :-1]
-    two = closed[:-1, 1:] - closed[1:, :-1]
-    normals = cross(one, two)
+    diagonal = closed[1:, 1:] - closed[:-1, :-1]
+    other = closed[:-1, 1:] - closed[1:, :-1]
+    normals = cross(diagonal, other)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = normals / np.maximum(length, 1e-12)
     centres = rings.mean(axis=1)

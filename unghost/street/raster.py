@@ -170,22 +170,24 @@ def _draw_large(canvas: Canvas, edges: _Edges) -> None:
     height, width = canvas.winner.shape
     owner, rows, begins, ends = _spans(edges, width, height)
     cuts = np.searchsorted(owner, np.arange(len(edges.number) + 1)).tolist()
-    for one, (first, last) in enumerate(itertools.pairwise(cuts)):
+    for triangle, (first, last) in enumerate(itertools.pairwise(cuts)):
         row, begin, end = rows[first:last], begins[first:last], ends[first:last]
         if first == last or not (end > begin).any():
             continue
         left, right = int(begin.min()), int(end.max())
         window = np.s_[int(row[0]) : int(row[-1]) + 1, left:right]
         column = np.arange(left, right)
-        along = (edges.slope_u[one] * (column + 0.5)).astype(np.float32)
-        down = (edges.slope_v[one] * (row + 0.5) + edges.offset[one]).astype(np.float32)
+        along = (edges.slope_u[triangle] * (column + 0.5)).astype(np.float32)
+        down = (edges.slope_v[triangle] * (row + 0.5) + edges.offset[triangle]).astype(
+            np.float32
+        )
         nearness = down[:, None] + along
         nearest = canvas.nearness[window]
         seen = nearness > nearest
         seen &= column >= begin[:, None]
         seen &= column < end[:, None]
         np.copyto(nearest, nearness, where=seen)
-        np.copyto(canvas.winner[window], np.int32(edges.number[one]), where=seen)
+        np.copyto(canvas.winner[window], np.int32(edges.number[triangle]), where=seen)
 
 
 def to_screen(
@@ -242,11 +244,9 @@ def _faces_camera(
     return np.asarray(outwards * towards > 0)
 
 
-def _products(one: FloatArray, two: FloatArray) -> FloatArray:
+def _products(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) scalar products of pairs of vectors."""
-    return np.asarray(
-        one[:, 0] * two[:, 0] + one[:, 1] * two[:, 1] + one[:, 2] * two[:, 2]
-    )
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
 
 
 def _clip_near(points: FloatArray) -> tuple[FloatArray, IntArray]:

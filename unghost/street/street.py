@@ -282,8 +282,8 @@ def render_street(
             lines[index] = line, truth
             yield line
     in_turn = [lines[index] for index in range(frames)]
-    known = ({"key": line["key"], **row} for line, rows in in_turn for row in rows)
-    _write_lines(folder / TRUTH, list(known))
+    truths = ({"key": line["key"], **row} for line, rows in in_turn for row in rows)
+    _write_lines(folder / TRUTH, list(truths))
     _write_lines(folder / MANIFEST_NAME, [line for line, _ in in_turn])
 
 

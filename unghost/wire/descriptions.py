@@ -28,8 +28,8 @@ _Said: TypeAlias = "str | tuple[str, object]"
 
 def _described(said: Mapping[str, _Said]) -> dict[str, Described]:
     return {
-        name: Described(one) if isinstance(one, str) else Described(*one)
-        for name, one in said.items()
+        name: Described(entry) if isinstance(entry, str) else Described(*entry)
+        for name, entry in said.items()
     }
 
 

@@ -291,13 +291,21 @@ def _plan_of(cls: type[ResponseModel]) -> _Plan:
     """
     absent = {name: _if_absent(each) for name, each in cls.model_fields.items()}
     fields = tuple(
-        (name, one.alias or name, absent[name] is _NEEDED, _converter(one.annotation))
-        for name, one in cls.model_fields.items()
+        (
+            name,
+            field.alias or name,
+            absent[name] is _NEEDED,
+            _converter(field.annotation),
+        )
+        for name, field in cls.model_fields.items()
     )
     copied = tuple(
         (name, value.copy) for name, value in absent.items() if isinstance(value, dict)
     )
-    private = {name: one.default for name, one in cls.__private_attributes__.items()}
+    private = {
+        name: attribute.default
+        for name, attribute in cls.__private_attributes__.items()
+    }
     return fields, absent, copied, private
 
 

@@ -75,8 +75,8 @@ class ActivateIn(RequestModel):
     @model_validator(mode="after")
     def _is_one_of_both(self) -> ActivateIn:
         if (self.digest is None) == (self.config is None):
-            given = "neither" if self.digest is None else "both"
-            raise ValueError(f"expected digest or config, found {given}")
+            present = "neither" if self.digest is None else "both"
+            raise ValueError(f"expected digest or config, found {present}")
         return self
 
 

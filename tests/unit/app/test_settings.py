@@ -106,6 +106,27 @@ def test_invalid_setting_is_refused_with_its_name_and_expected_value(
     assert "Value error" not in refused.value.message
 
 
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({"engine": "tls:/x"}, "--engine"),
+        ({"port": 99999}, "--port"),
+        ({"workers": 0}, "--threads"),
+        ({"engine": None}, "UNGHOST_ENGINE"),
+    ],
+)
+def test_invalid_setting_is_refused_with_the_name_of_its_option(
+    monkeypatch, values, name
+):
+    if name == "UNGHOST_ENGINE":
+        monkeypatch.setenv(name, "tls:/x")
+
+    with pytest.raises(typer.BadParameter) as refused:
+        settings_of({"workers": "--threads"}, **values)
+
+    assert refused.value.message.startswith(f"{name}: ")
+
+
 def test_every_accepted_trusted_proxy_is_trusted_by_uvicorn():
     """uvicorn takes what it cannot parse for a name, which matches no connection."""
     written = ("127.0.0.1", "10.0.0.0/8", "fd00::/64", "::1", "172.16.0.0/255.240.0.0")

@@ -141,10 +141,10 @@ def _refuse_beside_conversion(options: CaptureOptions) -> None:
         "--server": options.server,
         "--token": options.token,
     }
-    given = [name for name, value in useless.items() if value is not None]
-    if given:
+    names = [name for name, value in useless.items() if value is not None]
+    if names:
         raise typer.BadParameter(
-            f"--from-carlasimu only prints a scenario: leave out {', '.join(given)}"
+            f"--from-carlasimu only prints a scenario: leave out {', '.join(names)}"
         )
 
 
@@ -197,7 +197,7 @@ class _Watch:
             self.uploader.add(stored)
         if stored.result is not None:
             decisions = stored.result.decisions
-            self._counts.update(one["verdict"] for one in decisions)
+            self._counts.update(decision["verdict"] for decision in decisions)
         self._counts["frames"] += 1
         passed = time.monotonic() - self._since
         if passed >= _SAY_EVERY_S:
@@ -240,15 +240,15 @@ class _Uploader:
         from unghost.client.errors import ApiError, Unavailable
 
         failed = False
-        while (one := self._coming.get()) is not None:
+        while (tick := self._coming.get()) is not None:
             if failed:
                 continue
             try:
-                file = one.files.get
+                file = tick.files.get
                 sent = self._client.put_frame(
                     self._dataset,
-                    one.key,
-                    one.record,
+                    tick.key,
+                    tick.record,
                     image=file("image"),
                     segmentation=file("segmentation"),
                     instances=file("instances"),
@@ -304,9 +304,9 @@ def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
 
     pushing = _pushing(folder, dataset, options)
     report = PushReport(options.screen)
-    found = open_source(folder, pushing.layout, pushing.describe(folder))
+    frames = open_source(folder, pushing.layout, pushing.describe(folder))
     with pushing.connect() as client:
-        send(client, pushing, found, report)
-    report.print_summary(found.unmatched, dataset)
+        send(client, pushing, frames, report)
+    report.print_summary(frames.unmatched, dataset)
     if report.refused:
         raise partly_done(report.succeeded)

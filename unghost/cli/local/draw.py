@@ -104,12 +104,12 @@ def draw(options: DrawOptions) -> None:
         )
         chosen: Iterable[Judged] = judged
         if options.only == "flips":
-            chosen = (one for one in judged if one.flips)
+            chosen = (frame for frame in judged if frame.flips)
         if options.worst is not None:
             chosen = heapq.nlargest(
                 options.worst,
                 chosen,
-                key=lambda one: (one.flips, one.count("rejected")),
+                key=lambda frame: (frame.flips, frame.count("rejected")),
             )
         drawn = draw_frames(folder, chosen, options, edges=options.edges)
     counts = {"drawn": drawn, "failed": judge.failed}
@@ -136,7 +136,7 @@ def draw_frames(
 
     names = FileNames(flat=True)
     painter = _Painter(folder, edges)
-    stems = ((names.stem(one.source.key), one) for one in frames)
+    stems = ((names.stem(frame.source.key), frame) for frame in frames)
     figures: list[str] = []
     tiles: list[Picture] = []
     reasons: Counter[str] = Counter()
@@ -170,11 +170,13 @@ class Judged(NamedTuple):
     def flips(self) -> int:
         """How many boxes are not decided alike by all."""
         everyone = zip(self.decisions, *self.rivals.values(), strict=True)
-        return sum(len({one["verdict"] for one in box}) > 1 for box in everyone)
+        return sum(
+            len({decision["verdict"] for decision in box}) > 1 for box in everyone
+        )
 
     def count(self, verdict: str) -> int:
         """The number of boxes of a verdict."""
-        return sum(one["verdict"] == verdict for one in self.decisions)
+        return sum(decision["verdict"] == verdict for decision in self.decisions)
 
 
 class Judge:
@@ -194,31 +196,33 @@ class Judge:
         from filter_core.local import measure_source
         from filter_core.pipeline import FrameResult
 
-        found = []
+        decisions = []
         try:
             for config in (self._config, *self._rivals.values()):
                 measured = measure_source(source, config, config.channels)
                 verdicts = decide(measured.evidence, config)
-                found.append(FrameResult(measured, verdicts, config).decisions)
+                decisions.append(FrameResult(measured, verdicts, config).decisions)
         except FilterError as error:
             return Judged(source, fault=str(error))
         report = measured.segmentation
-        rivals = dict(zip(self._rivals, found[1:], strict=True))
-        return Judged(source, found[0], rivals, report, self._config)
+        rivals = dict(zip(self._rivals, decisions[1:], strict=True))
+        return Judged(source, decisions[0], rivals, report, self._config)
 
     def watch(
         self, frames: Iterable[Judged], screen: Screen, task: str = "draw"
     ) -> Iterator[Judged]:
         """The frames that could be decided; the others are noted."""
         with screen.progress(task, "frames") as advance:
-            for number, one in enumerate(frames, 1):
-                if not one.fault:
-                    yield one
+            for number, frame in enumerate(frames, 1):
+                if not frame.fault:
+                    yield frame
                 else:
                     self.failed += 1
                     if self._refusals.is_listed("refused"):
                         screen.note(
-                            refusal(one.source.key, sources.naming_reading(one.fault))
+                            refusal(
+                                frame.source.key, sources.naming_reading(frame.fault)
+                            )
                         )
                 advance(number, None)
         for line in self._refusals.more():
@@ -242,16 +246,21 @@ class _Painter:
         background, painted = _backgrounds(judged)
         before = self._on(
             background,
-            (_boxed(one)._replace(verdict="kept") for one in judged.decisions),
+            (
+                _boxed(decision)._replace(verdict="kept")
+                for decision in judged.decisions
+            ),
         )
         after = self._on(
             background,
             (box for box in map(_boxed, judged.decisions) if box.verdict == "kept"),
         )
         reasoned = (
-            _boxed(one, f"{one['class']}: {one['reason'].replace('_', ' ')}")
-            for one in judged.decisions
-            if one["verdict"] != "kept"
+            _boxed(
+                decision, f"{decision['class']}: {decision['reason'].replace('_', ' ')}"
+            )
+            for decision in judged.decisions
+            if decision["verdict"] != "kept"
         )
         why = self._on(background, reasoned)
         rejected, unmeasured = map(judged.count, ("rejected", "unmeasured"))
@@ -261,12 +270,14 @@ class _Painter:
         panels[f"after: {judged.count('kept')} kept"] = after
         for name, decisions in judged.rivals.items():
             pairs = list(zip(judged.decisions, decisions, strict=True))
-            flips = sum(one["verdict"] != other["verdict"] for one, other in pairs)
+            flips = sum(
+                decision["verdict"] != other["verdict"] for decision, other in pairs
+            )
             texts = (
                 f"{other['class']}: {other['verdict']}"
-                if one["verdict"] != other["verdict"]
+                if decision["verdict"] != other["verdict"]
                 else ""
-                for one, other in pairs
+                for decision, other in pairs
             )
             by_rival = map(_boxed, decisions, texts)
             panels[f"{name}: {flips} flips"] = self._on(background, by_rival)
@@ -324,10 +335,10 @@ def _backgrounds(judged: Judged) -> tuple[Picture, Picture | None]:
     return np.full((size["height"], size["width"], 3), GREY, np.uint8), None
 
 
-def _boxed(one: Decision, text: str = "") -> DrawnBox:
+def _boxed(decision: Decision, text: str = "") -> DrawnBox:
     from filter_core.images.drawing import DrawnBox
 
-    return DrawnBox(one["verdict"], one["xyxy"], one["edges"], text)
+    return DrawnBox(decision["verdict"], decision["xyxy"], decision["edges"], text)
 
 
 def _side_by_side(panels: Mapping[str, Picture]) -> Picture:

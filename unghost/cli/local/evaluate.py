@@ -107,15 +107,15 @@ def evaluate(options: EvaluateOptions) -> None:
     from filter_core.local import EvaluationTask, evaluate_source, read_truth
 
     description = options.describe(options.source)
-    found = sources.open_source(options.source, options.layout, description)
+    frames = sources.open_source(options.source, options.layout, description)
     screen = options.screen
     task = EvaluationTask(
         config=sources.read_config(options.config, options, description, screen),
         truth=None if options.truth is None else read_truth(options.truth),
         channels=tuple(options.channel or COMPARED),
     )
-    first = islice(found, LOOKED_AT)
-    found = sources.shown_by(first, task.config, task.channels, screen).of(found)
+    first = islice(frames, LOOKED_AT)
+    frames = sources.shown_by(first, task.config, task.channels, screen).of(frames)
     thresholds = _Thresholds.asked_for(options, task.config)
     use, notes = _TruthUse(task.truth), ImageNotes()
 
@@ -131,24 +131,24 @@ def evaluate(options: EvaluateOptions) -> None:
             nonlocal done
             done += 1
             notes.add(notes_of_frame)
-            advance(done, found.count)
+            advance(done, frames.count)
 
         evaluation, unusable = evaluate_source(
-            found, task, progress=step, also=collect, workers=options.workers
+            frames, task, progress=step, also=collect, workers=options.workers
         )
     refusals = Kinds()
     left_out = [
         *(
-            refusal(one.key, sources.naming_reading(one.problem.detail))
-            for one in unusable
-            if refusals.is_listed(sources.kind_of(one.problem))
+            refusal(frame.key, sources.naming_reading(frame.problem.detail))
+            for frame in unusable
+            if refusals.is_listed(sources.kind_of(frame.problem))
         ),
         *refusals.more(),
-        *sources.unmatched_lines(found.unmatched),
+        *sources.unmatched_lines(frames.unmatched),
         *use.unused_lines(),
     ]
     notes.print(screen)
-    sources.note_reading(screen, found)
+    sources.note_reading(screen, frames)
     for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)
     if not evaluation.unfiltered.boxes:
@@ -156,7 +156,7 @@ def evaluate(options: EvaluateOptions) -> None:
     result = evaluation.as_dict()
     _print_evaluation(result, thresholds, screen)
     if options.plot is not None:
-        scores = [(name, one["f1"]) for name, one in result["channels"].items()]
+        scores = [(name, score["f1"]) for name, score in result["channels"].items()]
         label = "F1 of each kind of evidence with its 95 % interval"
         _write(options.plot, interval_plot(label, scores))
     if left_out:
@@ -200,20 +200,24 @@ def _print_evaluation(
     result: EvaluationObject, thresholds: _Thresholds | None, screen: Screen
 ) -> None:
     """Tables: of the kinds of evidence, by distance, by class, and of thresholds."""
-    suggested = thresholds and [one.as_dict() for one in thresholds.suggested]
+    suggested = thresholds and [
+        suggestion.as_dict() for suggestion in thresholds.suggested
+    ]
     more = {} if suggested is None else {"suggested": suggested}
     screen.record({**result, **more})
     channels = result["channels"]
     columns = ("evidence", *_SCORE_COLUMNS, "measured")
-    rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
+    rows = [
+        (name, *_score_row(score), score["judged"]) for name, score in channels.items()
+    ]
     screen.table(
         columns, [("no filter", *_score_row(result["unfiltered"]), None), *rows]
     )
     by_distance = {
-        name: {part["band"]: part for part in one["by_distance"]}
-        for name, one in channels.items()
+        name: {part["band"]: part for part in score["by_distance"]}
+        for name, score in channels.items()
     }
-    by_class = {name: one["by_class"] for name, one in channels.items()}
+    by_class = {name: score["by_class"] for name, score in channels.items()}
     for title, parts in (("metres", by_distance), ("class", by_class)):
         names = dict.fromkeys(part for each in parts.values() for part in each)
         of_parts = [
@@ -236,7 +240,7 @@ def _score_row(score: ConfusionObject) -> tuple[object, ...]:
         f1 and f1["low"],
         f1 and f1["high"],
     )
-    rounded = (None if one is None else round(one, 3) for one in shares)
+    rounded = (None if share is None else round(share, 3) for share in shares)
     return (*rounded, score["kept_hidden"], score["rejected_visible"])
 
 
@@ -294,14 +298,14 @@ class _Thresholds:
             screen.note(f"wrote {self.file}")
 
 
-def _threshold_row(one: ClassSuggestion) -> tuple[object, ...]:
-    found = one.found
-    scores = (found.at_current.f1, found.at_suggested.f1)
+def _threshold_row(suggestion: ClassSuggestion) -> tuple[object, ...]:
+    best = suggestion.found
+    scores = (best.at_current.f1, best.at_suggested.f1)
     return (
-        one.class_name,
-        one.current,
-        found.threshold,
-        *(round(bound, 2) for bound in found.interval),
+        suggestion.class_name,
+        suggestion.current,
+        best.threshold,
+        *(round(bound, 2) for bound in best.interval),
         *(None if score is None else round(score, 3) for score in scores),
     )
 
@@ -314,12 +318,12 @@ def interval_plot(
     `step` is between two ticks of the axis, which ends at the first tick above all
     intervals.
     """
-    known = [(title, score) for title, score in scores if score is not None]
-    low = min((score["low"] for _, score in known), default=0.0)
-    high = max((score["high"] for _, score in known), default=1.0)
+    measured = [(title, score) for title, score in scores if score is not None]
+    low = min((score["low"] for _, score in measured), default=0.0)
+    high = max((score["high"] for _, score in measured), default=1.0)
     last = ceil(high / step)
     ticks = [step * number for number in range(last + 1) if step * number >= low - step]
-    height = _ROW * len(known) + _BOTTOM
+    height = _ROW * len(measured) + _BOTTOM
 
     def x(value: float) -> float:
         share = (value - ticks[0]) / (ticks[-1] - ticks[0])
@@ -338,7 +342,7 @@ def interval_plot(
             f'<text x="{x(tick):.1f}" y="{height - 12}" text-anchor="middle" '
             f'fill="#4a5560">{tick:.2g}</text>',
         ]
-    for number, (title, score) in enumerate(known):
+    for number, (title, score) in enumerate(measured):
         y = _TOP + _ROW * number
         parts += [
             f'<text x="{_TITLES - 12}" y="{y + 4}" text-anchor="end" fill="#1d2429">'

@@ -73,8 +73,10 @@ class FilterOptions(
     ] = _STDOUT
 
     def __post_init__(self) -> None:
-        """Decisions must not take the place of what they were made from, and are no
-        table."""
+        """Refuse outputs that decisions cannot have.
+
+        They must not take the place of what they were made from, and are no table.
+        """
         super().__post_init__()
         from filter_core.formats.reading import MANIFEST_NAME
 
@@ -110,21 +112,24 @@ def filter_local(options: FilterOptions) -> None:
     first = list(islice(frames, LOOKED_AT))
     options.require_known(boxes_by_class(first), config, summary.advice)
     shown = sources.shown_by(first, config, config.channels, options.screen)
-    found = check.watch(shown.of(frames))
+    watched = check.watch(shown.of(frames))
     tally = _Tally(options.screen, summary)
     with line_output(options.output) as write:
-        decided = decided_lines(found, config, options.workers)
-        for line in tally.watch(decided, found.count):
+        decided = decided_lines(watched, config, options.workers)
+        for line in tally.watch(decided, watched.count):
             write(line.content)
-    for problem in (*tally.refusals.more(), *sources.unmatched_lines(found.unmatched)):
+    for problem in (
+        *tally.refusals.more(),
+        *sources.unmatched_lines(watched.unmatched),
+    ):
         options.screen.note(problem)
-    check.note(options.screen, found)
+    check.note(options.screen, watched)
     note_unknown_classes(options.screen, config.as_dict(), summary.boxes)
     is_doubtful = note_boxes(options.screen, summary)
-    tally.print_summary(options.output, found.unmatched)
+    tally.print_summary(options.output, watched.unmatched)
     title = f"unghost filter {options.source}"
     options.check(tally.counts(), options.screen, title)
-    if tally.failed or found.unmatched or is_doubtful:
+    if tally.failed or watched.unmatched or is_doubtful:
         raise partly_done(tally.decided)
 
 
@@ -191,7 +196,7 @@ class _Tally:
         if line.of_other_color and not self._of_other_color:
             self._first_of_other_color = line.key
         self._of_other_color.update(line.of_other_color)
-        self._unmapped += sum(one.unmapped for one in line.classes.values())
+        self._unmapped += sum(counts.unmapped for counts in line.classes.values())
 
     def counts(self) -> dict[str, int]:
         """Frames and boxes, for the conditions of `--fail-if`."""
@@ -256,7 +261,7 @@ class FrameLine:
 
 
 def decided_lines(
-    found: FrameSet,
+    frames: FrameSet,
     config: FilterConfig,
     workers: int | None,
     *,
@@ -273,16 +278,16 @@ def decided_lines(
     Raises `Refused` if a process ended while it worked on frames, which are named.
     """
     count = workers or os.cpu_count() or 1
-    is_short = found.count is not None and found.count < fewest_frames
+    is_short = frames.count is not None and frames.count < fewest_frames
     if count < FEWEST_PROCESSES or is_short:
         from filter_core.local import in_order
 
-        return in_order(partial(_line_of, config), found, workers)
-    return _by_processes(found, config, count)
+        return in_order(partial(_line_of, config), frames, workers)
+    return _by_processes(frames, config, count)
 
 
 def _by_processes(
-    found: FrameSet, config: FilterConfig, count: int
+    source_frames: FrameSet, config: FilterConfig, count: int
 ) -> Generator[FrameLine, None, None]:
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
@@ -297,8 +302,10 @@ def _by_processes(
     pool = ProcessPoolExecutor(count, context, _begin)
     # An error cannot be sent to another process, its description can.
     sendable: Iterator[FrameSource | FrameOutcome] = (
-        FrameOutcome(one.key, error=problem_of(one.problem)) if one.problem else one
-        for one in found
+        FrameOutcome(source.key, error=problem_of(source.problem))
+        if source.problem
+        else source
+        for source in source_frames
     )
     try:
         while frames := list(islice(sendable, _PART)):
@@ -380,18 +387,18 @@ def other_colors(outcome: FrameOutcome, config: FilterConfig) -> Counter[str]:
     """
     from filter_core.classes import accept_mask_of, measured_class
 
-    found: Counter[str] = Counter()
+    boxes: Counter[str] = Counter()
     if config.profile != "carlasimu" or outcome.palette is None:
-        return found
-    for one in outcome.decisions or ():
-        if one["verdict"] != "rejected" or not one["hidden_by"]:
+        return boxes
+    for decision in outcome.decisions or ():
+        if decision["verdict"] != "rejected" or not decision["hidden_by"]:
             continue
-        name = one["class"]
+        name = decision["class"]
         mask = accept_mask_of(measured_class(name), outcome.palette)
-        tags = (each for each in one["hidden_by"] if mask >> each["tag"] & 1)
+        tags = (each for each in decision["hidden_by"] if mask >> each["tag"] & 1)
         filled = sum(each["percent"] for each in tags)
-        found[name] += filled > config.limits_of(name).threshold_small_box
-    return +found
+        boxes[name] += filled > config.limits_of(name).threshold_small_box
+    return +boxes
 
 
 @cache

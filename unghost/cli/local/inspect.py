@@ -60,8 +60,8 @@ def inspect(options: InspectOptions) -> None:
     with options.screen.progress("inspect", "frames") as advance:
         inspection = inspect_recording(options.source, description, progress=advance)
     remarks = [
-        one._replace(text=sources.with_options(one.text))
-        for one in remarks_on(inspection)
+        remark._replace(text=sources.with_options(remark.text))
+        for remark in remarks_on(inspection)
     ]
     is_folder = options.source.is_dir()
     folder = options.source if is_folder else options.source.parent
@@ -116,8 +116,13 @@ def _print(inspection: Inspection, screen: Screen) -> None:
     table(
         ("role", "images", "told by", "such as"),
         [
-            (ROLES.get(one.role, one.role), one.images, told_by(one), one.example)
-            for one in by_role(inspection)
+            (
+                ROLES.get(stream.role, stream.role),
+                stream.images,
+                told_by(stream),
+                stream.example,
+            )
+            for stream in by_role(inspection)
         ],
         tag="images",
     )
@@ -130,9 +135,9 @@ def _print(inspection: Inspection, screen: Screen) -> None:
     table(
         ("boxes", "number", "such as"),
         [
-            (FAULTS[one.kind], one.count, f"{example.name}: {example.why}")
-            for one in inspection.boxes.faults
-            for example in one.examples[:1]
+            (FAULTS[fault.kind], fault.count, f"{example.name}: {example.why}")
+            for fault in inspection.boxes.faults
+            for example in fault.examples[:1]
         ],
         tag="boxes",
     )
@@ -140,10 +145,10 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         ("frame", "kept", "rejected", "unmeasured"),
         [
             (
-                one.key,
-                *(sum(box.verdict == word for box in one.boxes) for word in _WORDS),
+                frame.key,
+                *(sum(box.verdict == word for box in frame.boxes) for word in _WORDS),
             )
-            for one in inspection.drawn
+            for frame in inspection.drawn
         ],
         tag="frame",
     )
@@ -164,18 +169,20 @@ def _rows(kinds: Sequence[Listed]) -> Iterator[tuple[str, str]]:
             yield f"and {more:,} more like this", listed.kind
 
 
-def _class_row(one: ClassFacts) -> tuple[object, ...]:
+def _class_row(class_facts: ClassFacts) -> tuple[object, ...]:
     from filter_core.inspection.remarks import measured_as
 
-    share = one.unknown_percent
+    share = class_facts.unknown_percent
     return (
-        one.name,
-        one.boxes,
-        measured_as(one.measured_as, one.nearest),
-        one.looked_at.boxes,
-        one.kept,
-        one.looked_at.rejected,
-        one.unmeasured,
+        class_facts.name,
+        class_facts.boxes,
+        measured_as(class_facts.measured_as, class_facts.nearest),
+        class_facts.looked_at.boxes,
+        class_facts.kept,
+        class_facts.looked_at.rejected,
+        class_facts.unmeasured,
         None if share is None else round(share, 1),
-        ", ".join(f"{value} ({pixels:,} px)" for value, pixels in one.unknown[:3]),
+        ", ".join(
+            f"{value} ({pixels:,} px)" for value, pixels in class_facts.unknown[:3]
+        ),
     )

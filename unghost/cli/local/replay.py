@@ -95,7 +95,7 @@ def replay(options: ReplayOptions) -> None:
         for judged in judge.watch(coming, options.screen, "replay"):
             records = comparison.add(judged)
             if write:
-                write("".join(f"{json.dumps(one)}\n" for one in records).encode())
+                write("".join(f"{json.dumps(record)}\n" for record in records).encode())
         if folder:
             draw_frames(folder, comparison.worst(), options)
     comparison.report(options.screen, judge.failed)
@@ -124,19 +124,20 @@ class _Comparison:
         for best, paper, code in zip(judged.decisions, *rivals, strict=True):
             three = {"paper": paper, "code": code, "best": best}
             record: dict[str, object] = {
-                name: {key: one[key] for key in _SAID} for name, one in three.items()
+                name: {key: decision[key] for key in _SAID}
+                for name, decision in three.items()
             }
             whose = {"key": judged.source.key, "id": best["id"], "class": best["class"]}
             records.append(whose | record)
             self._by[best["evidence"] or "none"] += 1
-            if len({one["verdict"] for one in three.values()}) > 1:
+            if len({decision["verdict"] for decision in three.values()}) > 1:
                 words = (
-                    f"{one['verdict']}: {one['reason'].replace('_', ' ')}"
-                    for one in three.values()
+                    f"{decision['verdict']}: {decision['reason'].replace('_', ' ')}"
+                    for decision in three.values()
                 )
                 self._kinds[tuple(words)] += 1
-                for name, one in (("paper", paper), ("code", code)):
-                    if one["verdict"] != best["verdict"]:
+                for name, decision in (("paper", paper), ("code", code)):
+                    if decision["verdict"] != best["verdict"]:
                         self._wrong[name, best["verdict"]] += 1
         if self._most and judged.flips:
             # The earlier of two frames that are as bad stays.

@@ -213,17 +213,17 @@ def _count_labels(
     from filter_core.local import LeftOut, label_sources
 
     screen = options.screen
-    found = sources.open_source(options.source, options.layout, description)
+    frames = sources.open_source(options.source, options.layout, description)
     configs = (arm.config(task.config) for arm in task.arms)
     channels = {name for config in configs if config for name in config.channels}
     if task.truth == "instances":
         channels.add("instance")
-    first = islice(found, LOOKED_AT)
-    found = sources.shown_by(first, task.config, channels, screen).of(found)
+    first = islice(frames, LOOKED_AT)
+    frames = sources.shown_by(first, task.config, channels, screen).of(frames)
     counted = LabelNoise([arm.name for arm in task.arms])
     refusals, left_out = Kinds(), list[str]()
     with screen.progress("label", "frames") as advance:
-        labelled = label_sources(found, task, workers=options.workers)
+        labelled = label_sources(frames, task, workers=options.workers)
         for done, frame in enumerate(labelled, start=1):
             if not isinstance(frame, LeftOut):
                 counted.add(frame.boxes)
@@ -231,9 +231,9 @@ def _count_labels(
             elif refusals.is_listed(sources.kind_of(frame.problem)):
                 why = sources.naming_reading(frame.problem.detail)
                 left_out.append(refusal(frame.key, why))
-            advance(done, found.count)
-    left_out += [*refusals.more(), *sources.unmatched_lines(found.unmatched)]
-    sources.note_reading(screen, found)
+            advance(done, frames.count)
+    left_out += [*refusals.more(), *sources.unmatched_lines(frames.unmatched)]
+    sources.note_reading(screen, frames)
     for line in left_out:
         screen.note(line)
     noise = counted.as_dict()
@@ -269,7 +269,9 @@ def _train_and_compare(options: WorthOptions) -> None:
 
         def here(trials: Sequence[_Trial]) -> Iterator[None]:
             return in_order(
-                lambda one: experiment.run(*one, command, parallel), trials, parallel
+                lambda trial: experiment.run(*trial, command, parallel),
+                trials,
+                parallel,
             )
 
         run: _Runner = here
@@ -281,7 +283,7 @@ def _train_and_compare(options: WorthOptions) -> None:
         noise = _prepare(options, description, task, experiment)
         experiment.require_trainer(options.trainer)
         trials = [(arm.name, seed) for seed in seeds for arm in task.arms]
-        pending = [one for one in trials if not experiment.is_finished(*one)]
+        pending = [trial for trial in trials if not experiment.is_finished(*trial)]
         done = len(trials) - len(pending)
         with options.screen.progress("train", "trials") as advance:
             advance(done, len(trials))
@@ -324,8 +326,8 @@ def _prepare(
             )
         options.screen.note(f"the data sets in {experiment.data} are used again")
         return noise
-    found = sources.open_source(options.source, options.layout, description)
-    classes = found.classes or class_order(found)
+    frames = sources.open_source(options.source, options.layout, description)
+    classes = frames.classes or class_order(frames)
     with new_folder(experiment.data) as folder:
         writer = DatasetsWriter(folder, arms, classes, options.split)
         noise, left_out = _count_labels(options, description, task, writer.add)

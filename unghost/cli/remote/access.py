@@ -148,14 +148,14 @@ def show_stored(options: OutputOptions) -> None:
         try:
             with Client(url, token, retry_for=0) as client:
                 session = client.session()
-            found: tuple[str, str, str] = (session.name, session.role, "works")
+            cells: tuple[str, str, str] = (session.name, session.role, "works")
         except ApiError as error:
-            found = ("", "", one_line(error.detail))
+            cells = ("", "", one_line(error.detail))
             failed += 1
         names = ("server", "name", "role", "state")
-        row = (f"{url} *" if url == stored.default else url, *found)
+        row = (f"{url} *" if url == stored.default else url, *cells)
         rows.append(row)
-        options.screen.record(dict(zip(names, (url, *found), strict=True)))
+        options.screen.record(dict(zip(names, (url, *cells), strict=True)))
     options.screen.table(("server", "name", "role", "state"), rows)
     if failed:
         raise partly_done(len(rows) - failed)
@@ -176,9 +176,9 @@ def forget_token(options: ForgetTokenOptions) -> None:
     stored = stored_servers(os.environ)
     url = (options.server or stored.default or "").rstrip("/")
     if url not in stored.tokens:
-        known = ", ".join(stored.tokens) or "none"
-        raise Refused(f"expected a stored server ({known}), found {url or 'none'}")
-    tokens = {key: one for key, one in stored.tokens.items() if key != url}
+        servers = ", ".join(stored.tokens) or "none"
+        raise Refused(f"expected a stored server ({servers}), found {url or 'none'}")
+    tokens = {key: token for key, token in stored.tokens.items() if key != url}
     default = next(iter(tokens), None) if url == stored.default else stored.default
     store_servers(os.environ, StoredServers(default, tokens))
     options.screen.note(f"{url} is forgotten; `unghost token revoke` ends its token")
@@ -292,7 +292,7 @@ def revoke_token(options: RevokeTokenOptions) -> None:
     with options.connect() as client:
         token = _find_token(client, options.which)
         client.revoke_token(token.id)
-        left = next(one for one in client.tokens() if one.id == token.id)
+        left = next(stored for stored in client.tokens() if stored.id == token.id)
     options.screen.record(left.raw, "\t".join(map(str, _token_row(left))))
 
 
@@ -334,8 +334,8 @@ def _make_token_offline(
     options: CreateTokenOptions, until: datetime | None
 ) -> NewToken:
     """Create a token directly in the database of this data folder."""
-    for name, given in (("--server", options.server), ("--token", options.token)):
-        if given is not None:
+    for name, value in (("--server", options.server), ("--token", options.token)):
+        if value is not None:
             raise typer.BadParameter(f"{name} is not for --offline: no server is asked")
 
     from pydantic import ValidationError
@@ -385,10 +385,10 @@ def audit(options: AuditOptions) -> None:
 
 def _audit_row(entry: AuditEntry) -> tuple[object, ...]:
     when = f"{entry.created_at:%Y-%m-%d %H:%M:%S}"
-    known = {key: value for key, value in entry.details.items() if value is not None}
+    values = {key: value for key, value in entry.details.items() if value is not None}
     texts = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        for key, value in known.items()
+        for key, value in values.items()
     }
     details = " ".join(f"{key}={text}" for key, text in texts.items())
     return when, entry.actor, entry.action, entry.subject, details

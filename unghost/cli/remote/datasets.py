@@ -78,8 +78,8 @@ class SettingsOptions(DatasetOptions):
     def settings(self) -> dict[str, Any]:
         """The settings that were given, by their names."""
         names = ("description", *SEGMENTATION_SETTINGS)
-        given = {name: getattr(self, name) for name in names}
-        return {name: value for name, value in given.items() if value is not None}
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,12 +320,18 @@ def _share(measure: Measure | None) -> str | None:
 
 
 def _exports(exports: Sequence[Export]) -> Iterator[tuple[object, ...]]:
-    for one in exports:
-        if one.state != "done" or one.finished_at is None:
+    for export in exports:
+        if export.state != "done" or export.finished_at is None:
             continue
-        size = None if one.size_bytes is None else round(one.size_bytes / 1e6, 1)
-        name = one.name or str(one.id)
-        yield name, one.format, f"{one.finished_at:%Y-%m-%d %H:%M}", size, one.sha256
+        size = None if export.size_bytes is None else round(export.size_bytes / 1e6, 1)
+        name = export.name or str(export.id)
+        yield (
+            name,
+            export.format,
+            f"{export.finished_at:%Y-%m-%d %H:%M}",
+            size,
+            export.sha256,
+        )
 
 
 def _pictured(client: Client, frame: FrameSummary) -> str:

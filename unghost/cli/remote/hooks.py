@@ -40,8 +40,8 @@ def create(options: CreateOptions) -> None:
         {"/url": "URL", "/dataset": "--dataset"}, {"URL": options.url}
     )
     with options.connect() as client, named:
-        wanted = {"events": options.event} if options.event else {}
-        made = client.create_hook(options.url, **wanted, dataset=options.dataset)
+        events = {"events": options.event} if options.event else {}
+        made = client.create_hook(options.url, **events, dataset=options.dataset)
     options.screen.record(made.raw, made.secret)
     options.screen.note(
         f"hook {made.id}: the secret is not shown again; `unghost hook ping {made.id}` "
@@ -92,17 +92,25 @@ class DeliveriesOptions(HookOptions):
 def deliveries(options: DeliveriesOptions) -> None:
     """List what was and will be sent to a hook, and why attempts have failed."""
     with options.connect() as client:
-        found = islice(client.hook_deliveries(options.hook), options.limit or None)
-        options.screen.listing(_DELIVERY_COLUMNS, found, _delivery_row)
+        listed = islice(client.hook_deliveries(options.hook), options.limit or None)
+        options.screen.listing(_DELIVERY_COLUMNS, listed, _delivery_row)
 
 
-def _delivery_row(one: Delivery) -> tuple[object, ...]:
-    why = one.error or ""
-    if one.due_at is not None and one.attempts:
-        why += f"; again at {one.due_at:%H:%M:%S} UTC"
-    when = f"{one.created_at:%Y-%m-%d %H:%M:%S}"
-    status = one.status or ""
-    return when, one.event, one.state, one.attempts, status, why, one.webhook_id
+def _delivery_row(delivery: Delivery) -> tuple[object, ...]:
+    why = delivery.error or ""
+    if delivery.due_at is not None and delivery.attempts:
+        why += f"; again at {delivery.due_at:%H:%M:%S} UTC"
+    when = f"{delivery.created_at:%Y-%m-%d %H:%M:%S}"
+    status = delivery.status or ""
+    return (
+        when,
+        delivery.event,
+        delivery.state,
+        delivery.attempts,
+        status,
+        why,
+        delivery.webhook_id,
+    )
 
 
 def ping(options: HookOptions) -> None:
@@ -112,8 +120,10 @@ def ping(options: HookOptions) -> None:
         until = time.monotonic() + _PING_WITHIN_S
         while not sent.attempts and time.monotonic() < until:
             time.sleep(_LOOK_EVERY_S)
-            found = client.hook_deliveries(options.hook)
-            sent = next((one for one in found if one.id == sent.id), sent)
+            listed = client.hook_deliveries(options.hook)
+            sent = next(
+                (delivery for delivery in listed if delivery.id == sent.id), sent
+            )
     if sent.error or not sent.attempts:
         raise Refused(f"hook {options.hook}: {sent.error or 'it was not sent yet'}")
     options.screen.record(sent.raw, f"hook {options.hook}: status {sent.status}")

@@ -245,11 +245,11 @@ def problems(options: ProblemsOptions) -> None:
         options.screen.listing(
             ("frame", "when", "code", "error"),
             listed,
-            lambda one: (
-                one.key,
-                one.created_at.isoformat(sep=" ", timespec="seconds"),
-                one.error.code,
-                one.error.detail,
+            lambda problem: (
+                problem.key,
+                problem.created_at.isoformat(sep=" ", timespec="seconds"),
+                problem.error.code,
+                problem.error.detail,
             ),
         )
 

@@ -152,9 +152,9 @@ def push(options: PushOptions) -> None:
     if config.loaded:
         sources.note_unused_keys(config.loaded.unused_keys, options.screen)
     frames = sources.open_source(options.source, options.layout, description)
-    found = check.watch(frames)
+    watched = check.watch(frames)
     settings = {**settings, **options.reading}
-    default_class = sources.default_class_of(found, description)
+    default_class = sources.default_class_of(watched, description)
     with options.connect() as client:
         coming, renamed = coming_config(client, options.dataset, config, settings)
         first = list(islice(frames, LOOKED_AT))
@@ -164,41 +164,43 @@ def push(options: PushOptions) -> None:
             boxes[renamed.get(name, name)] += count
         options.require_known(boxes, coming, RecordingAdvice(default_class))
         shown = sources.shown_by(first, coming, (), options.screen).keys
-        read_with = told_recording(options.source, description, found.layout)
+        read_with = told_recording(options.source, description, watched.layout)
         if options.dry_run:
-            _print_coming(client, options, found)
-            check.note(options.screen, found)
-            if found.unmatched:
+            _print_coming(client, options, watched)
+            check.note(options.screen, watched)
+            if watched.unmatched:
                 raise partly_done(0)
             return
-        new = NewDataset(settings, found.classes or (), config, shown, read_with)
+        new = NewDataset(settings, watched.classes or (), config, shown, read_with)
         ensure_dataset(client, options.dataset, new, options.screen)
         used: Counter[str] = Counter()
-        noting = _noting(found, answers, used)
-        send(client, options, replace(found, frames=noting), report)
+        noting = _noting(watched, answers, used)
+        send(client, options, replace(watched, frames=noting), report)
         import_answers(client, options.dataset, answers, options.screen)
-        left = companions(options.source, found, used)
+        left = companions(options.source, watched, used)
         _keep_companions(client, options.dataset, read_with, left, options.screen)
         summary = summary_of(client, options.dataset, default_class)
         numbers = client.stats(options.dataset)
     note_unknown_classes(options.screen, config.whole or config.keys, summary.boxes)
     is_doubtful = report.succeeded > 0 and note_boxes(options.screen, summary)
-    check.note(options.screen, found)
-    report.print_summary(found.unmatched, options.dataset)
+    check.note(options.screen, watched)
+    report.print_summary(watched.unmatched, options.dataset)
     counts = gate_counts(numbers, report.refused)
     options.check(counts, options.screen, f"unghost push {options.dataset}")
-    if report.refused or found.unmatched or is_doubtful:
+    if report.refused or watched.unmatched or is_doubtful:
         raise partly_done(report.succeeded)
 
 
-def _print_coming(client: Client, options: PushOptions, found: FrameSet) -> None:
+def _print_coming(
+    client: Client, options: PushOptions, source_frames: FrameSet
+) -> None:
     """Say how many frames would be sent, and which cannot be; nothing is stored."""
     from unghost.client.api import dataset_path, known_frames
     from unghost.client.errors import NotFound
     from unghost.client.outgoing import NotSent
 
     screen, counts = options.screen, Counter[str]()
-    frames, path = sources.outgoing(found), dataset_path(options.dataset)
+    frames, path = sources.outgoing(source_frames), dataset_path(options.dataset)
     with suppress(NotFound):
         client.dataset(options.dataset)
         counts["exists"] = 1
@@ -298,7 +300,7 @@ def told_recording(
 
 
 def _noting(
-    found: FrameSet, answers: list[dict[str, object]], used: Counter[str]
+    source_frames: FrameSet, answers: list[dict[str, object]], used: Counter[str]
 ) -> Callable[[], Iterator[FrameSource]]:
     """The frames; adds the answers of people that they come with.
 
@@ -307,7 +309,7 @@ def _noting(
     from filter_core.formats.same import folder_of
 
     def frames() -> Iterator[FrameSource]:
-        for frame in found:
+        for frame in source_frames:
             files = (frame.image, frame.segmentation, *frame.others.values())
             used.update(map(folder_of, filter(None, files)))
             answers.extend(
@@ -385,12 +387,12 @@ _OF_ANSWERS: Final = {
 
 
 def send(
-    client: Client, options: PushOptions, found: FrameSet, report: PushReport
+    client: Client, options: PushOptions, frames: FrameSet, report: PushReport
 ) -> None:
     """Send every frame, with a progress bar; if interrupted, print the number sent."""
     sent = client.push(
         options.dataset,
-        sources.outgoing(found),
+        sources.outgoing(frames),
         replace=options.replace,
         connections=options.workers,
     )
@@ -401,7 +403,7 @@ def send(
         try:
             for outcome in outcomes:
                 report.add(outcome)
-                advance(report.seen, found.count)
+                advance(report.seen, frames.count)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
                 f"interrupted after {report.seen} frames; the same command continues"

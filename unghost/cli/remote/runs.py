@@ -116,9 +116,9 @@ def wait(options: WaitOptions) -> None:
     Exit code 1 if the run fails or is cancelled.
     """
     with options.connect() as client:
-        found = client.run(options.run)
+        run = client.run(options.run)
         done = wait_for_run(
-            client, found, options.screen, cancel=options.cancel_on_interrupt
+            client, run, options.screen, cancel=options.cancel_on_interrupt
         )
     options.screen.record(done.raw, run_line(done))
 
@@ -205,30 +205,30 @@ def diff(options: DiffOptions) -> None:
     """
     screen = options.screen
     with options.connect() as client:
-        found = client.diff(options.after, options.before)
+        comparison = client.diff(options.after, options.before)
         if options.json:
             for flip in client.flips(options.after, options.before):
                 screen.record(flip.raw)
-    screen.record({k: v for k, v in found.raw.items() if k not in _OF_PAGES})
-    screen.table(_DIFF_COLUMNS, rows_of(found))
-    for cause, boxes in found.by_cause.items():
+    screen.record({k: v for k, v in comparison.raw.items() if k not in _OF_PAGES})
+    screen.table(_DIFF_COLUMNS, rows_of(comparison))
+    for cause, boxes in comparison.by_cause.items():
         screen.note(f"{boxes} of them: {_CAUSES.get(cause, cause)}")
     screen.note(
-        f"{found.total} of {found.compared} boxes have another verdict in run "
-        f"{found.run} than in run {found.against}"
+        f"{comparison.total} of {comparison.compared} boxes have another verdict in "
+        f"run {comparison.run} than in run {comparison.against}"
     )
 
 
-def rows_of(found: Diff) -> list[tuple[object, ...]]:
+def rows_of(comparison: Diff) -> list[tuple[object, ...]]:
     """A row per class, those with most changes first, and one of all."""
     # An older server does not send the directions; that does not mean 0.
-    unknown = (0, 0) if "sides_by_class" in found.raw else (None, None)
-    ways = {name: _ways(counts) for name, counts in found.sides_by_class.items()}
+    unknown = (0, 0) if "sides_by_class" in comparison.raw else (None, None)
+    ways = {name: _ways(counts) for name, counts in comparison.sides_by_class.items()}
     rows = [
         (name, count, *ways.get(name, unknown))
-        for name, count in most_first(found.by_class)
+        for name, count in most_first(comparison.by_class)
     ]
-    return [*rows, ("all", found.total, *_ways(found))]
+    return [*rows, ("all", comparison.total, *_ways(comparison))]
 
 
 def _ways(counts: FlipCounts) -> tuple[int, int]:
@@ -247,7 +247,7 @@ def show_config(options: DatasetOptions) -> None:
     with options.connect() as client:
         version = client.active_config(options.dataset)
         dataset = client.dataset(options.dataset)
-    defaults = {name: one.default for name, one in DatasetIn.model_fields.items()}
+    defaults = {name: field.default for name, field in DatasetIn.model_fields.items()}
     own = {name: getattr(dataset, name) for name in SEGMENTATION_SETTINGS}
     # A dataset's setting that is not the default is used in place of the key.
     used = (
@@ -305,9 +305,11 @@ def set_config(options: ConfigSetOptions) -> None:
         if options.merge:
             with error_context(options.config):
                 # Class by class and key by key
-                entries = {name: one.as_dict() for name, one in before.classes.items()}
-                for name, one in loaded.config.classes.items():
-                    entries[name] = {**entries.get(name, {}), **one.as_dict()}
+                entries = {
+                    name: limits.as_dict() for name, limits in before.classes.items()
+                }
+                for name, limits in loaded.config.classes.items():
+                    entries[name] = {**entries.get(name, {}), **limits.as_dict()}
                 keys = {**before.as_dict(), **loaded.keys, "classes": entries}
                 merged = FilterConfig.from_mapping(keys)
                 version = client.add_config(options.dataset, merged.as_dict())
@@ -330,16 +332,16 @@ def set_config(options: ConfigSetOptions) -> None:
     screen.record(run.raw, f"config {version.digest[:12]}\t{run_line(run)}")
 
 
-def _is_named(key: str, given: Mapping[str, object]) -> bool:
+def _is_named(key: str, keys: Mapping[str, object]) -> bool:
     """Whether a file with these keys says something about a key of `diff_configs`."""
-    classes = given.get("classes")
+    classes = keys.get("classes")
     if key.startswith("classes.") and isinstance(classes, Mapping):
         return any(
             key.startswith(f"classes.{name}.")
             and (not isinstance(own, Mapping) or key.rpartition(".")[2] in own)
             for name, own in classes.items()
         )
-    return key in given
+    return key in keys
 
 
 def _add_config(

@@ -68,8 +68,8 @@ class GivenConfig:
     def refusal(self, dataset: str, changes: Sequence[ConfigChange]) -> str:
         """Why it cannot be that of a dataset with frames, and what can be done."""
         keys = [
-            f"{one.key}: {_as_json(one.before)} -> {_as_json(one.after)}"
-            for one in changes
+            f"{change.key}: {_as_json(change.before)} -> {_as_json(change.after)}"
+            for change in changes
         ]
         listed = ", ".join(keys[:_LISTED_KEYS])
         more = len(keys) - _LISTED_KEYS
@@ -177,7 +177,7 @@ def ensure_dataset(
 
 
 def coming_config(
-    client: Client, dataset: str, given: GivenConfig, options: Mapping[str, str]
+    client: Client, dataset: str, chosen: GivenConfig, options: Mapping[str, str]
 ) -> tuple[FilterConfig, Mapping[str, str]]:
     """The configuration that a dataset will have if it can get the given one.
 
@@ -189,31 +189,31 @@ def coming_config(
 
     try:
         active = client.active_config(dataset).config
-        found = client.dataset(dataset)
+        stored = client.dataset(dataset)
     except NotFound:
         active = FilterConfig().as_dict()
-        return FilterConfig.from_mapping({**given.over(active), **options}), {}
-    own = {name: getattr(found, name) for name in ("palette", "channel_order")}
+        return FilterConfig.from_mapping({**chosen.over(active), **options}), {}
+    own = {name: getattr(stored, name) for name in ("palette", "channel_order")}
     named = {name: value for name, value in own.items() if value != _UNSET}
-    keys = {**given.over(active), **named, **options}
-    return FilterConfig.from_mapping(keys), found.renamed_classes
+    keys = {**chosen.over(active), **named, **options}
+    return FilterConfig.from_mapping(keys), stored.renamed_classes
 
 
 def _ensure_config(
-    client: Client, dataset: Dataset, given: GivenConfig, screen: Screen
+    client: Client, dataset: Dataset, chosen: GivenConfig, screen: Screen
 ) -> None:
     """Give a dataset without frames the configuration, unless it has it."""
     from filter_core.config.filter import FilterConfig, diff_configs
 
-    if given.whole is None and not given.keys:
+    if chosen.whole is None and not chosen.keys:
         return
     active = client.active_config(dataset.name).config
-    config = FilterConfig.from_mapping(given.over(active))
+    config = FilterConfig.from_mapping(chosen.over(active))
     changes = diff_configs(FilterConfig.from_mapping(active), config)
     if not changes:
         return
     if dataset.counts.frames:
-        raise Refused(one_line(given.refusal(dataset.name, changes)))
+        raise Refused(one_line(chosen.refusal(dataset.name, changes)))
     version = client.add_config(dataset.name, config.as_dict())
     client.wait(client.set_config(dataset.name, version.digest))
     screen.note(

@@ -39,6 +39,25 @@ def test_wrong_command_line_is_refused(words, says):
 
 
 @pytest.mark.parametrize(
+    ("words", "variables", "name"),
+    [
+        (["tls:/x"], {}, "SCHEDULER"),
+        ([], {"UNGHOST_ENGINE": "tls:/x"}, "UNGHOST_ENGINE"),
+    ],
+)
+def test_wrong_scheduler_is_refused_with_the_name_of_its_place(
+    monkeypatch, words, variables, name
+):
+    for variable, text in variables.items():
+        monkeypatch.setenv(variable, text)
+
+    answer = run("worker", *words)
+
+    assert answer.exit_code == USAGE
+    assert f"Invalid value: {name}: 'tls:/x' is not an engine" in answer.output
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
         (("--to", "yolo8"), "'yolo8' is not one of 'yolo', 'coco', 'kitti'"),
