@@ -3,8 +3,6 @@
 The rules are checked against this record as well as against the source code.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from tests.pins.walk import walked

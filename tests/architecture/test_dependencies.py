@@ -1,7 +1,5 @@
 """The product declares the packages that it imports, and uses all that it declares."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

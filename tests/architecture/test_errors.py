@@ -1,7 +1,5 @@
 """Every error that the code can raise has a status, a stable code and a docstring."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 

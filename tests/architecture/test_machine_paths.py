@@ -1,7 +1,5 @@
 """No file holds a path of somebody's own machine."""
 
-from __future__ import annotations
-
 import re
 
 from tests.support.sources import page_sources, python_sources, sources

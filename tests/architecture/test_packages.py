@@ -1,7 +1,5 @@
 """The document names the service's packages in order, and few modules open files."""
 
-from __future__ import annotations
-
 import ast
 from typing import Final
 

@@ -4,8 +4,6 @@ Other modules may import SQLAlchemy's sessions and errors, nothing that could bu
 statement. import-linter cannot check this: for it SQLAlchemy is one module.
 """
 
-from __future__ import annotations
-
 import ast
 from fnmatch import fnmatchcase
 

@@ -1,7 +1,5 @@
 """Each table is written by one package of the service only."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import pytest

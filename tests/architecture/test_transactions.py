@@ -3,8 +3,6 @@
 The exceptions are listed here.
 """
 
-from __future__ import annotations
-
 import ast
 
 from tests.support.sources import python_sources

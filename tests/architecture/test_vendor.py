@@ -3,8 +3,6 @@
 Each has a record of its origin and its licence.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 

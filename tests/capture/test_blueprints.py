@@ -1,7 +1,5 @@
 """How a scenario chooses blueprints, and how their attributes are set for CARLA."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Captures that carlasimu's own seven files describe, on the fake simulator."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import carla

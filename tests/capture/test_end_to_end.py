@@ -1,7 +1,5 @@
 """`unghost capture` in a process of its own, sending its frames to a live service."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 The protocols that the product's types use are compared with it, too.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 

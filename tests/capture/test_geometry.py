@@ -1,7 +1,5 @@
 """Geometry as it is stored agrees with what CARLA's real library computes."""
 
-from __future__ import annotations
-
 import carla
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Clean boxes while a simulation runs, in a script of one's own."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time

@@ -3,8 +3,6 @@
 The filter reads the folder and keeps visible objects and rejects hidden ones.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -3,8 +3,6 @@
 It ends soon, and puts the simulator back as it was wherever that is possible.
 """
 
-from __future__ import annotations
-
 import signal
 
 import pytest

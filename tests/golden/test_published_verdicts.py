@@ -1,7 +1,5 @@
 """Profile `carlasimu` says what the code that the paper's authors published says."""
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Real CARLA data that others have published, filtered by the library."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 

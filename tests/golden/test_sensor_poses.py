@@ -1,7 +1,5 @@
 """Sensors that stand elsewhere than the camera, against CARLA's own matrices."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

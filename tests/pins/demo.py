@@ -4,8 +4,6 @@ It has all actors: 166 boxes of eight classes, of which 75 are kept, where the f
 `street` are tiny and have a dozen. ``unghost demo`` leaves most of them out.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from filter_core import FilterConfig

@@ -1,7 +1,5 @@
 """Pins of digests in the database: of configurations and of what is measured by."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

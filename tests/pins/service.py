@@ -1,7 +1,5 @@
 """Pins of what a running service answers, stores and writes for frames of `street`."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Writes and reads the stored files of pins, and lists differences in words."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path

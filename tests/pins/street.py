@@ -5,8 +5,6 @@ come out on every machine and with every version of numpy, OpenCV and zlib. The 
 looks along x with a focal length of 48 px, 1.5 m above the road.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

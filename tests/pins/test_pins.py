@@ -1,7 +1,5 @@
 """The present code gives every pinned value; `tests.pins` explains what pins are."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

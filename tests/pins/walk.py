@@ -1,7 +1,5 @@
 """A fixed series of API requests on the frames of `street`, with every response."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

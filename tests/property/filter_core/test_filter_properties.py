@@ -1,7 +1,5 @@
 """`filter_frame` (measuring and deciding together) equals a slow, simple definition."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

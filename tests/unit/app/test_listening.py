@@ -1,7 +1,5 @@
 """The addresses that the service listens on, and those that it cannot listen on."""
 
-from __future__ import annotations
-
 import gc
 import socket
 import warnings

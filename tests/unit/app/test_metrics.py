@@ -1,7 +1,5 @@
 """Requests are counted correctly from many threads, and for each service."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 from prometheus_client.parser import text_string_to_metric_families

@@ -5,8 +5,6 @@ here always run on PostgreSQL: they check what it may do differently, when it st
 sorts or locks rows. That concerns several packages, so they are in no package's folder.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest

@@ -1,7 +1,5 @@
 """Secrets and their hashes, roles, host names, and requests from other pages."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import pytest

@@ -1,7 +1,5 @@
 """Settings come from UNGHOST_* variables and do not change."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

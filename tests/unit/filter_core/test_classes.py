@@ -1,7 +1,5 @@
 """The class of each blueprint, and the tags that count for each class."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -3,8 +3,6 @@
 It is a street with a visible object N before a hidden one, G, and a free one, F.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

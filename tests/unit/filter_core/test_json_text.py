@@ -1,7 +1,5 @@
 """Reading untrusted JSON: bad or oversized text is refused quickly, before parsing."""
 
-from __future__ import annotations
-
 import json
 import time
 import tracemalloc

@@ -1,7 +1,5 @@
 """Filtering many frames locally: order, threads, reading ahead, and faults."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Evaluating frames locally against a file of truths or against their instances."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

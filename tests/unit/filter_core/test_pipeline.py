@@ -1,7 +1,5 @@
 """`filter_frame`: one frame measured and decided, as users of the library do it."""
 
-from __future__ import annotations
-
 import json
 from xml.etree import ElementTree
 

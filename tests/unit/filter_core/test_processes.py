@@ -1,7 +1,5 @@
 """Other Python processes search for modules where the process that starts them does."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the images of a whole recording show about how they are read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 What importing a client, the library or the command line loads is a pin.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Lists of boxes, read page by page, equal filtering and sorting all boxes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product, repeat

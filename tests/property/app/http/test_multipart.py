@@ -1,7 +1,5 @@
 """A multipart form is read completely, however it is cut; a broken one is refused."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import suppress
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A batch stores and decides the same as single uploads of its frames."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from contextlib import suppress

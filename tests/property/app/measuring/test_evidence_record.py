@@ -1,7 +1,5 @@
 """Evidence, histograms and geometry are unchanged after packing into bytes."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

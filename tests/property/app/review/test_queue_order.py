@@ -1,7 +1,5 @@
 """The review queue and its counts equal sorting and counting all boxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """`decide` equals a slow, simple definition, for any order and number of boxes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 

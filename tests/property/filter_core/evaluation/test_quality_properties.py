@@ -1,7 +1,5 @@
 """Agreement of reviewers and suggested thresholds equal counting by hand."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

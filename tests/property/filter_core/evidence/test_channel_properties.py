@@ -1,7 +1,5 @@
 """The evidence channels equal slow definitions on random scenes."""
 
-from __future__ import annotations
-
 from itertools import permutations
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The truncation in KITTI labels equals the share of a box outside the image."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

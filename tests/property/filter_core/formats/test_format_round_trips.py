@@ -1,7 +1,5 @@
 """Exported labels that are read again are equal, within the format's precision."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

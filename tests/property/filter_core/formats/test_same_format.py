@@ -4,8 +4,6 @@ Hostile recordings are drawn as pieces of files, so that what must be left is kn
 without reading them.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Rectangles are corrected and converted as slow definitions say; inputs are kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Projected rectangles equal clipping the six faces of a box at five planes."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

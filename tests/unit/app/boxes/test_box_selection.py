@@ -1,7 +1,5 @@
 """`to_filter` turns the selection of a request into a filter for the database."""
 
-from __future__ import annotations
-
 import pytest
 
 from app.boxes.filter import filters_of, to_filter

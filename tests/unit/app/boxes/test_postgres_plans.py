@@ -3,8 +3,6 @@
 Each statement is run with EXPLAIN ANALYZE, which reports how many rows were read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

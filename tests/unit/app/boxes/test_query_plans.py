@@ -1,7 +1,5 @@
 """SQLite reads each page of boxes or frames through an index and does not sort it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Boxes are read for display with few statements, and with those that overlap them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -3,8 +3,6 @@
 Every reason occurs, and numbers of the evidence lie below, at and above thresholds.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Bulk inserts and updates store rows as single statements would, on both databases."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 

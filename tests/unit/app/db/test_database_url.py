@@ -1,7 +1,5 @@
 """Which database URLs are accepted; no error message contains a password."""
 
-from __future__ import annotations
-
 import pytest
 from pydantic import ValidationError
 from sqlalchemy import make_url

@@ -1,7 +1,5 @@
 """Writers on PostgreSQL take turns, with any server settings and if a process hangs."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`PixelPool`: child processes that read images, with their limits and crashes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Exports that are repeated, interrupted, cancelled, or whose dataset is deleted."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from typing import get_args

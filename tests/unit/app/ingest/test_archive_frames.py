@@ -1,7 +1,5 @@
 """Frames of an archive that is being received, under the limit on bytes in memory."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 
 import anyio

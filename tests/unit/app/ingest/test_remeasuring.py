@@ -1,7 +1,5 @@
 """Frames are measured again if a run changes the config after they were prepared."""
 
-from __future__ import annotations
-
 import json
 import threading
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`TarStream` reads archives in pieces of any size, and refuses bad members."""
 
-from __future__ import annotations
-
 import tarfile
 import time
 import tracemalloc

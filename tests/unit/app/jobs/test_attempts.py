@@ -3,8 +3,6 @@
 Here the process that drives a job also works on its chunks, without workers.
 """
 
-from __future__ import annotations
-
 import threading
 from contextlib import closing, contextmanager
 from dataclasses import replace

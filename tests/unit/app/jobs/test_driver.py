@@ -3,8 +3,6 @@
 The engines are local ones with such faults; the driver does the same with any engine.
 """
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What all kinds of jobs have in common: how they start, fail and end."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

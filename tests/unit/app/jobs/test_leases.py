@@ -1,7 +1,5 @@
 """Leases of jobs have one holder; others take them over if it ended or is silent."""
 
-from __future__ import annotations
-
 from datetime import timedelta
 from itertools import count
 from threading import Event, Thread, Timer

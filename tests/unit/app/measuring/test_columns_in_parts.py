@@ -1,7 +1,5 @@
 """Previews, histograms and comparisons give the same results if computed in parts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial

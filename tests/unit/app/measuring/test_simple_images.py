@@ -1,7 +1,5 @@
 """Which frames a thread of the service measures itself, and which a child process."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from base64 import b64encode

@@ -1,7 +1,5 @@
 """While one service decides a run, another one sees its progress and can cancel it."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from threading import Thread
 

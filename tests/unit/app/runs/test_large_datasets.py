@@ -1,7 +1,5 @@
 """Runs on more boxes than fit into memory have the same results, range by range."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Doubt that another version of the code has stored is replaced as a service starts."""
 
-from __future__ import annotations
-
 from sqlalchemy import select, update
 
 from app.db.tables import Dataset, Decision

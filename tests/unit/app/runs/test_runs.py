@@ -1,7 +1,5 @@
 """Runs while frames are stored, settings change, or files are missing."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 from typing import Any

@@ -1,7 +1,5 @@
 """Boxes whose pixels have tags that nobody knows are unmeasured, and this is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every blob store has to do, tested with a folder and with an S3 bucket."""
 
-from __future__ import annotations
-
 import random
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What only S3 stores do: look up blobs, retry, time out, and hide server messages."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout

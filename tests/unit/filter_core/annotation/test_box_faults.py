@@ -1,7 +1,5 @@
 """Each fault of a box is reported with the right pointer, code and message."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.annotation_faults import faults_of

@@ -1,7 +1,5 @@
 """Turning annotations into the 2D rectangles that the filter measures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each fault of a frame, its camera or its JSON has the right pointer and message."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Parsing valid annotations: accepted forms, defaults, and keys that are kept."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rectangles in another unit than their key says are refused by what they look like."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

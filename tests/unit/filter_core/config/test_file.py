@@ -1,7 +1,5 @@
 """Loading configuration files: our keys, the paper's published file, invalid files."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.config.file import load_config

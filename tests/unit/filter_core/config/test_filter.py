@@ -1,7 +1,5 @@
 """The filter's configuration: defaults, digests, limits, faults and JSON schema."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import pickle

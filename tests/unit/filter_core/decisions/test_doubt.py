@@ -1,7 +1,5 @@
 """Which boxes are asked about, which first, and why."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

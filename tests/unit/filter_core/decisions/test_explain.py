@@ -3,8 +3,6 @@
 A percentage is never rounded to a value that would contradict the verdict.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.config.filter import ClassLimits

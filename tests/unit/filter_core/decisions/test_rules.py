@@ -1,7 +1,5 @@
 """The rules of deciding: the reason given, the threshold applied, close decisions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

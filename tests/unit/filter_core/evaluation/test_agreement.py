@@ -1,7 +1,5 @@
 """Cohen's kappa against textbook values, and agreement of people on the same boxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Arms of an experiment: which boxes they label, and what is wrong with the labels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

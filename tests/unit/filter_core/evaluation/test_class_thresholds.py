@@ -1,7 +1,5 @@
 """Suggested thresholds for each class, from boxes whose true visibility is known."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from filter_core.config.filter import ClassConfig, FilterConfig

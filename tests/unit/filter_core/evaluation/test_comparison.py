@@ -1,7 +1,5 @@
 """Evaluation: the verdicts of each channel are compared with the truth of each box."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from filter_core.config.filter import FilterConfig

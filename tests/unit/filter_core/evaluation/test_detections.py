@@ -1,7 +1,5 @@
 """Scores of detections are those of pycocotools, and intervals are of what they say."""
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stdout
 from dataclasses import replace

@@ -4,8 +4,6 @@ Every reviewer answers without an error, so that the truth is what the answers o
 boxes would give.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

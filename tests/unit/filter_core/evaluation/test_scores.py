@@ -1,7 +1,5 @@
 """Precision, recall, F1 and their intervals, against textbooks and definitions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

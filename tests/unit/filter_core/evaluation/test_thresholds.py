@@ -1,7 +1,5 @@
 """Suggested thresholds for small sets of answers whose best threshold is obvious."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

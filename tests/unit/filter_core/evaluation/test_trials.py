@@ -1,7 +1,5 @@
 """Comparing trials: differences are paired, and shown only where they are sure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

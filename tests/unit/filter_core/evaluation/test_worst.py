@@ -1,7 +1,5 @@
 """An evaluation lists the largest disagreements with the truth, largest first."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from filter_core.evaluation.comparison import MOST, LargestErrors

@@ -1,7 +1,5 @@
 """Frames decided by depth, instances, order of distance and LiDAR."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

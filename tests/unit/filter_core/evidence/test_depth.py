@@ -1,7 +1,5 @@
 """Depth images: reading metres, refusing coarse files, counting a box's own pixels."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

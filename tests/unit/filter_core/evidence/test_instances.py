@@ -1,7 +1,5 @@
 """Instance images: reading them, and assigning each box its instance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

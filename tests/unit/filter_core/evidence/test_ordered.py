@@ -1,7 +1,5 @@
 """The channel `ordered`: which box owns a pixel that several boxes cover."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The pixels that an outline touches or whose centres it holds, for simple shapes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

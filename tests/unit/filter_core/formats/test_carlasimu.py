@@ -1,7 +1,5 @@
 """Folders as carlasimu writes them, on Windows and on Linux."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Reading COCO files, also faulty ones: a fault is reported, other frames are read."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 

@@ -1,7 +1,5 @@
 """What `python -m filter_core.formats.conformance` tells the author of a format."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

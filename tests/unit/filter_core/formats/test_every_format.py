@@ -1,7 +1,5 @@
 """Checks of every format: registration, counts, stable bytes, memory, file names."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

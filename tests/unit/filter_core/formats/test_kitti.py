@@ -1,7 +1,5 @@
 """Reading and writing KITTI: rectangles, 3D boxes, DontCare regions, calibrations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

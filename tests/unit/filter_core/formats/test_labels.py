@@ -1,7 +1,5 @@
 """A recording in another unit or notation is refused as a whole, until that is said."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

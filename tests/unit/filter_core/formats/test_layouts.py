@@ -1,7 +1,5 @@
 """Reading folders: their layout is recognised, files matched, the rest listed."""
 
-from __future__ import annotations
-
 import json
 import os
 import unicodedata

@@ -1,7 +1,5 @@
 """Reading manifests: each line is a frame, and a bad line does not stop the others."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

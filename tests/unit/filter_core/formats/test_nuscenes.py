@@ -1,7 +1,5 @@
 """Data sets in the tables of nuScenes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

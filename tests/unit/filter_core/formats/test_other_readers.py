@@ -4,8 +4,6 @@ Tools that are too large to install here are replaced by their rules. `make read
 runs Ultralytics, supervision and Datumaro themselves on an export.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The layout `pairs`: segmentations are found by their folder or the name's end."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Patterns of paths: which files a recording's frames have, by its description."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Recordings of public recorders are read without a description and without options."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import itertools

@@ -1,7 +1,5 @@
 """The description of a recording: from its file and from options, into readers."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.annotation.parsing import parse_annotation

@@ -1,7 +1,5 @@
 """The parts of a recording: read from lists, COCO's files and folders, and made."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """Which images of a folder are frames, and which belong to one."""
 
-from __future__ import annotations
-
 import json
 from itertools import product
 

@@ -1,7 +1,5 @@
 """The layout `table`: boxes as rows of CSV, TSV, JSON, JSON Lines or NPZ."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

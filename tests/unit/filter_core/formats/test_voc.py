@@ -1,7 +1,5 @@
 """Reading Pascal VOC files: corners, sizes, and messages about faults."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.errors import LayoutError

@@ -1,7 +1,5 @@
 """Exports of YOLO and of decisions: files, chosen boxes, counts and safe names."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The files of each export format follow the format's own specification exactly."""
 
-from __future__ import annotations
-
 import json
 
 import defusedxml.ElementTree as ElementTree

@@ -1,7 +1,5 @@
 """Rectangles: their forms, their correction (Algorithm 1), the pixels they touch."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Projected 3D boxes, compared with CARLA's own library and exact clipping."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Colour images: the fast way of decoding gives the pixels and faults of OpenCV."""
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Boxes are drawn with a line style and a colour for each verdict."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """How a folder is understood: what is recognised, and what has to be corrected."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

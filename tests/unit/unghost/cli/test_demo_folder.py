@@ -1,7 +1,5 @@
 """The demo creates its data folder for its owner alone, before a server runs."""
 
-from __future__ import annotations
-
 import stat
 
 import pytest

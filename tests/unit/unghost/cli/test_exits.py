@@ -1,7 +1,5 @@
 """Each expected error has an exit code and a message; only bugs have a traceback."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

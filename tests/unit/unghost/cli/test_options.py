@@ -1,7 +1,5 @@
 """Options accept the library's words, but help does not import the library."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The summary of boxes: what is noted, and what makes the exit code 3."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 

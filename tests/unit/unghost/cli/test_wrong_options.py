@@ -1,7 +1,5 @@
 """A wrong command line is refused with exit code 2, before anything is done."""
 
-from __future__ import annotations
-
 import pytest
 from typer.testing import CliRunner
 

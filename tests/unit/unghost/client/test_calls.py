@@ -1,7 +1,5 @@
 """The client's methods: docstrings, parameters, pages, and unreadable answers."""
 
-from __future__ import annotations
-
 import inspect
 
 import pytest

@@ -1,7 +1,5 @@
 """How the client finds the server's address and its token, in a fixed order."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Nothing is sent here. The document is the pinned one, which is compared with the
 service; the methods that stream, such as `push` and `events`, have tests of their own.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable

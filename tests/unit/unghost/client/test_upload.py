@@ -1,7 +1,5 @@
 """`push` sends frames in batches, and reports what became of each, after faults too."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from typing import Any, cast

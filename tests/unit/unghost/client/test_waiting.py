@@ -1,7 +1,5 @@
 """Waiting for runs and exports: restarts of the server, lost servers, Ctrl-C."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """What a trainer has detected: how images may be called; errors name the result."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The demo's rendered frames agree with each other and with their truth."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from io import BytesIO
 

@@ -1,7 +1,5 @@
 """Response models are strict where they are built, and lenient where they are read."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import datetime, timedelta, timezone
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """The API's words are the same as in the library's and the service's own tables."""
 
-from __future__ import annotations
-
 import re
 from typing import get_args
 
