@@ -56,8 +56,8 @@ def test_only_queries_build_and_run_statements():
         if not any(fnmatchcase(source.name, pattern) for pattern in HAVE_STATEMENTS)
     ]
 
-    assert [found for source in outside for found in builders(source)] == []
-    assert [found for source in outside for found in calls(source)] == []
+    assert [place for source in outside for place in builders(source)] == []
+    assert [place for source in outside for place in calls(source)] == []
 
 
 def test_statement_outside_of_queries_is_detected():

@@ -17,7 +17,7 @@ def source(tmp_path):
 
 
 def count_kept_ghosts(evaluation):
-    return {name: one.total.kept_hidden for name, one in evaluation.scores.items()}
+    return {name: score.total.kept_hidden for name, score in evaluation.scores.items()}
 
 
 @pytest.mark.parametrize("truth", [None, {"a": {"217": True, "218": False}}])
@@ -38,7 +38,7 @@ def test_invalid_frames_and_boxes_without_truth_are_not_evaluated(source):
     evaluation, left_out = evaluate_source([broken, source], task)
 
     assert (evaluation.frames, evaluation.unfiltered.boxes) == (1, 1)
-    problems = [(one.key, one.problem.detail) for one in left_out]
+    problems = [(frame.key, frame.problem.detail) for frame in left_out]
     assert problems == [("b", "b: no labels")]
 
 

@@ -190,7 +190,7 @@ def test_many_boxes_in_blocks_are_decided_the_same_as_few(config):
         },
     )
 
-    one, all_of_them = decide(few, config), decide(many, config)
+    alone, all_of_them = decide(few, config), decide(many, config)
 
-    np.testing.assert_array_equal(all_of_them.reason, one.reason[rows])
-    np.testing.assert_array_equal(all_of_them.margin, one.margin[rows])
+    np.testing.assert_array_equal(all_of_them.reason, alone.reason[rows])
+    np.testing.assert_array_equal(all_of_them.margin, alone.margin[rows])

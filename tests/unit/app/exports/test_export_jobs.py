@@ -103,8 +103,8 @@ def test_label_columns_equal_the_complete_decisions(street):
             "distance": as_json_values(boxes.distance),
             "match_percent": as_json_values(boxes.match_percent),
         }
-        assert told == {key: [one[key] for one in whole] for key in told}
-        reviewed = [bool(one["review"]) for one in whole]
+        assert told == {key: [line[key] for line in whole] for key in told}
+        reviewed = [bool(line["review"]) for line in whole]
         assert (boxes.answer > 0).tolist() == reviewed
     assert sum(len(frame.boxes) for frame in frames) > 0
 

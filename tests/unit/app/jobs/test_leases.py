@@ -61,14 +61,14 @@ def holder_of(context, job):
 
 def test_lease_has_one_holder_until_it_is_released(services, job):
     context = services.context
-    one = take_lease(context.database, job, "one")
+    lease = take_lease(context.database, job, "one")
 
     with pytest.raises(LeaseLost):
         take_lease(context.database, job, "two")
     with context.database.write() as session:
-        one.take(session)
-        one.require(session)
-    one.release()
+        lease.take(session)
+        lease.require(session)
+    lease.release()
     given_back = holder_of(context, job)
     two = take_lease(context.database, job, "two")
     held = holder_of(context, job)

@@ -196,6 +196,6 @@ def test_hidden_by_has_the_colours_of_the_frames_palette(palette):
     for tag in palette.tags:
         row = counts(**{f"t{tag.tag}": 1})
 
-        found = [one["rgb"] for one in hidden_by(row, 0, palette.name)]
+        colours = [tag["rgb"] for tag in hidden_by(row, 0, palette.name)]
 
-        assert found in ([list(tag.rgb)], []), tag.name
+        assert colours in ([list(tag.rgb)], []), tag.name

@@ -36,12 +36,12 @@ def test_precision_recall_and_f1_are_correct_and_in_their_intervals(tp, fp, fn, 
     if tp:
         precision, recall = tp / (tp + fp), tp / (tp + fn)
         f1 = 2 * precision * recall / (precision + recall)
-        found = scores.precision, scores.recall, scores.f1
-        values = [one.value for one in found if one is not None]
+        three = scores.precision, scores.recall, scores.f1
+        values = [score.value for score in three if score is not None]
         assert values == pytest.approx([precision, recall, f1])
-    for one in (scores.precision, scores.recall, scores.f1):
-        if one is not None:
-            assert 0 <= one.low <= one.value <= one.high <= 1
+    for score in (scores.precision, scores.recall, scores.f1):
+        if score is not None:
+            assert 0 <= score.low <= score.value <= score.high <= 1
 
 
 @given(

@@ -36,11 +36,11 @@ def test_centred_pixels_of_rectangles_are_computed_only_on_request():
     flat = np.full((1, 8, 3), np.nan)
 
     (plain,) = frame_silhouettes(boxes, flat, None, (5, 2))
-    (asked,) = frame_silhouettes(boxes, flat, None, (5, 2), centres=True)
+    (centred,) = frame_silhouettes(boxes, flat, None, (5, 2), centres=True)
 
     assert plain.centred is None
-    assert asked.centred is not None
-    assert asked.centred.tolist() == [[False, True, False]]
+    assert centred.centred is not None
+    assert centred.centred.tolist() == [[False, True, False]]
 
 
 def test_touched_pixels_without_outlines_is_empty():

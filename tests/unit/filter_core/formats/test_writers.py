@@ -209,7 +209,7 @@ def test_class_missing_in_the_class_list_fails_the_export():
 
 
 LABELS = [
-    name for name, one in FORMATS.items() if "allow_missing_images" in one.options
+    name for name, form in FORMATS.items() if "allow_missing_images" in form.options
 ]
 
 
@@ -226,7 +226,7 @@ def test_frame_without_image_is_left_out_of_labels_unless_it_is_asked_for(form):
 
     assert manifest_of(usual)["counts"]["frames"]["left_out"] == 1
     assert manifest_of(usual)["counts"]["not_kept_by_reason"] == {"no_image": 2}
-    assert [one["box"] for one in manifest_of(usual)["boxes"]] == ["0", "1"]
+    assert [box["box"] for box in manifest_of(usual)["boxes"]] == ["0", "1"]
     for files in (every, alone):
         assert "left_out" not in manifest_of(files)["counts"]["frames"]
         assert manifest_of(files)["counts"]["boxes"]["out"] == 2

@@ -30,10 +30,10 @@ def run(*words):
     ],
 )
 def test_wrong_command_line_is_refused(words, says):
-    answer = run(*words)
+    result = run(*words)
 
-    assert answer.exit_code == USAGE
-    assert says in answer.output
+    assert result.exit_code == USAGE
+    assert says in result.output
 
 
 @pytest.mark.parametrize(
@@ -57,8 +57,8 @@ def test_convert_refuses_invalid_options(tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     folder = write_manifest(tmp_path / "frames", 1)
 
-    answer = run("convert", folder, "-o", "made", *words)
+    result = run("convert", folder, "-o", "made", *words)
 
-    assert answer.exit_code == USAGE
-    assert says in " ".join(answer.output.split())
+    assert result.exit_code == USAGE
+    assert says in " ".join(result.output.split())
     assert not (tmp_path / "made").exists()

@@ -159,7 +159,11 @@ def test_push_of_single_frames_goes_on_after_one_that_others_have_answered(
     outcomes = list(client.push("town", frames, replace=True))
 
     assert len(batches.put) == 2
-    errors = {one.key: str(one.error) for one in outcomes if isinstance(one, NotSent)}
+    errors = {
+        outcome.key: str(outcome.error)
+        for outcome in outcomes
+        if isinstance(outcome, NotSent)
+    }
     assert errors == {"a": "by others"}
 
 
@@ -277,9 +281,9 @@ def test_frame_whose_annotation_is_no_json_is_refused_alone(batches, client):
     frames = [outgoing_frame("a"), OutgoingFrame("b", {"boxes": {1, 2}}), *many(1)]
     batches.known["b"] = "other"
 
-    outcomes = {one.key: one for one in client.push("town", frames)}
+    outcomes = {outcome.key: outcome for outcome in client.push("town", frames)}
 
-    words = {key: one.word for key, one in outcomes.items()}
+    words = {key: outcome.word for key, outcome in outcomes.items()}
     assert words == {"a": "stored", "b": "refused", "0": "stored"}
     assert "cannot be written as JSON: found a value of type set" in str(
         getattr(outcomes["b"], "error", "")
