@@ -22,9 +22,9 @@ def read(data, *cuts, limits=LIMITS):
     stream = TarStream(limits)
     places = [0, *sorted(cuts), len(data)]
     pairs = pairwise(places)
-    found = [one for low, high in pairs for one in stream.feed(data[low:high])]
+    members = [member for low, high in pairs for member in stream.feed(data[low:high])]
     stream.close()
-    return found
+    return members
 
 
 def header(name, size=0, kind=tarfile.REGTYPE, form=tarfile.GNU_FORMAT, **more):
@@ -50,33 +50,30 @@ def test_archives_of_tarfile_are_read_in_pieces_of_any_size(members, form, data)
     archive = tar_archive(members, form)
     cuts = data.draw(st.lists(st.integers(0, len(archive)), max_size=6))
 
-    assert read(archive, *cuts) == [Member(*one) for one in members]
+    assert read(archive, *cuts) == [Member(*member) for member in members]
 
 
 LONG_NAME = "a" * 99 + "/b"
 TOO_LARGE = header("a", 10_001) + bytes(10_001 + 239)
 
 
-@pytest.mark.parametrize(
-    ("archive", "members"),
-    [
-        pytest.param(
-            header("./", kind=tarfile.DIRTYPE) + header("./a/b.json") + END,
-            [Member("a/b.json", b"")],
-            id="folders are skipped and a leading dot is removed",
-        ),
-        pytest.param(
-            TOO_LARGE + header("b") + END,
-            [Member("a", None), Member("b", b"")],
-            id="a too large member is skipped without its content",
-        ),
-        pytest.param(
-            tar_archive([(LONG_NAME, b"1")], tarfile.GNU_FORMAT),
-            [Member(LONG_NAME, b"1")],
-            id="a long name that is split after a slash is that of a file",
-        ),
-    ],
-)
+UNUSUAL = {
+    "folders are skipped and a leading dot is removed": (
+        header("./", kind=tarfile.DIRTYPE) + header("./a/b.json") + END,
+        [Member("a/b.json", b"")],
+    ),
+    "a too large member is skipped without its content": (
+        TOO_LARGE + header("b") + END,
+        [Member("a", None), Member("b", b"")],
+    ),
+    "a long name that is split after a slash is that of a file": (
+        tar_archive([(LONG_NAME, b"1")], tarfile.GNU_FORMAT),
+        [Member(LONG_NAME, b"1")],
+    ),
+}
+
+
+@pytest.mark.parametrize(("archive", "members"), UNUSUAL.values(), ids=UNUSUAL)
 def test_unusual_members_are_read(archive, members):
     assert read(archive) == members
 
@@ -239,6 +236,6 @@ def test_too_large_or_compressed_archive_is_refused(data, error):
 def test_any_name_option_returns_names_outside_the_archive():
     stream = TarStream(LIMITS, any_name=True)
 
-    found = list(stream.feed(header("../a") + header("/b") + END))
+    members = list(stream.feed(header("../a") + header("/b") + END))
 
-    assert found == [Member("../a", b""), Member("/b", b"")]
+    assert members == [Member("../a", b""), Member("/b", b"")]
