@@ -16,10 +16,6 @@ def source(tmp_path):
     return scene_source(tmp_path)
 
 
-def count_kept_ghosts(evaluation):
-    return {name: score.total.kept_hidden for name, score in evaluation.scores.items()}
-
-
 @pytest.mark.parametrize("truth", [None, {"a": {"217": True, "218": False}}])
 def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
     seen: list[tuple[str, ...]] = []
@@ -27,7 +23,9 @@ def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
 
     evaluation, left_out = evaluate_source([source] * 3, task, progress=seen.append)
 
-    assert count_kept_ghosts(evaluation) == {"semantic": 3, "depth": 0}
+    scores = evaluation.scores.items()
+    ghosts = {name: score.total.kept_hidden for name, score in scores}
+    assert ghosts == {"semantic": 3, "depth": 0}
     assert (left_out, seen) == ([], [()] * 3)
 
 

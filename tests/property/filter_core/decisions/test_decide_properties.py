@@ -160,7 +160,10 @@ def test_decide_equals_the_slow_definition(given_boxes, config):
         reason, threshold = slow(box, config)
         assert decisions.reason[index] == reason
         if threshold is None:
-            assert np.isnan(decisions.threshold[index])
+            compared = decisions.threshold[index], decisions.margin[index]
+            assert np.isnan(compared).all()
+            assert not decisions.toss_up[index]
+            assert not decisions.large[index]
             continue
         assert decisions.threshold[index] == threshold
         assert decisions.margin[index] == box["match_percent"] - threshold

@@ -47,14 +47,6 @@ def request_unstarted_export(street):
         return Job("export", export.id)
 
 
-def wait_for_queued_jobs(street):
-    """Wait until all jobs that were queued before are over."""
-    street.run({}, activate=False)
-    over = threading.Event()
-    street.context.engine.submit(over.set)
-    assert over.wait(60)
-
-
 def export_of(street, job):
     with street.context.database.read() as session:
         return job_with_id(session, Export, job.id)
@@ -150,7 +142,11 @@ def test_export_cancelled_while_it_is_written_stays_cancelled(street):
         session.flush()
         start(street.context, [job])
         cancel(street.context, session, EXPORTS, job.id)
-    wait_for_queued_jobs(street)
+    # Until all jobs that were queued before are over.
+    street.run({}, activate=False)
+    over = threading.Event()
+    street.context.engine.submit(over.set)
+    assert over.wait(60)
 
     export = export_of(street, job)
     assert (export.state, export.sha256) == ("cancelled", None)

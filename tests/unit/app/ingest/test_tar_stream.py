@@ -108,16 +108,12 @@ def test_unsupported_or_damaged_member_is_refused(data, words):
         read(data + (b"" if words == "truncated" else END))
 
 
-def with_valid_checksum(block):
-    """The header with its checksum corrected."""
-    total = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
-    return block[:148] + b"%06o\0 " % total + block[156:]
-
-
 def header_with_size(field, kind=tarfile.REGTYPE):
     """A valid header with these bytes, padded to twelve, as its size."""
     block = header("a", kind=kind)
-    return with_valid_checksum(block[:124] + field.ljust(12, b"\0") + block[136:])
+    block = block[:124] + field.ljust(12, b"\0") + block[136:]
+    checksum = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
+    return block[:148] + b"%06o\0 " % checksum + block[156:]
 
 
 @pytest.mark.parametrize(

@@ -33,11 +33,6 @@ def encoded_image(wh=WH, suffix=".png"):
     return cv2.imencode(suffix, pixels)[1].tobytes()
 
 
-def annotation(boxes=1, distance=None):
-    box = {"class": "car", "xyxy": [4, 4, 40, 40], "distance": distance}
-    return parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
-
-
 def add_text_chunk(png):
     """The PNG with a chunk of text between its header and its pixels."""
     body = b"tEXtSoftware\0a painter"
@@ -50,7 +45,8 @@ def measure_and_count_processes(
 ):
     """The percentage of matching pixels, and how many child processes were started."""
     before = processes()
-    frame = annotation(boxes, distance)
+    box = {"class": "car", "xyxy": [4, 4, 40, 40], "distance": distance}
+    frame = parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
     measured = measure_files(pool, plan, frame, FrameFiles(png, wh, **files))
     return float(measured.evidence.match_percent[0]), len(processes() - before)
 

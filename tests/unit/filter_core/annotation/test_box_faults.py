@@ -139,7 +139,7 @@ def test_invalid_box_field_is_reported_with_its_pointer(keys, code, words):
          "expected an id of at most 64 bits, found 18446744073709551616"),
     ],
 )  # fmt: skip
-def test_invalid_value_is_reported(value, label, code, words):
+def test_invalid_box_id_is_reported(value, label, code, words):
     faults = faults_of({"boxes": [{"id": value, "class": "car", "xyxy": [1, 2, 3, 4]}]})
 
     assert faults == [("/boxes/0/id", code, f"box 0 (id {label}), id: {words}")]

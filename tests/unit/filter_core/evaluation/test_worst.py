@@ -8,10 +8,6 @@ from tests.support.evidence import evidence_of
 LOST, GHOST = (False, True), (True, False)
 
 
-def listed(worst):
-    return [(box.name["row"], box.error, box.pixels) for box in worst.boxes]
-
-
 def add(worst, boxes, outcomes):
     kept, visible = np.array(outcomes, np.bool_).T
     worst.add(evidence_of(boxes), kept, visible, lambda row: {"row": row})
@@ -27,7 +23,8 @@ def test_ghost_counts_its_box_pixels_and_lost_object_its_matched_pixels():
 
     add(worst, boxes, [GHOST, LOST, (True, True)])
 
-    assert listed(worst) == [(0, "kept_hidden", 500), (1, "rejected_visible", 70)]
+    listed = [(box.name["row"], box.error, box.pixels) for box in worst.boxes]
+    assert listed == [(0, "kept_hidden", 500), (1, "rejected_visible", 70)]
 
 
 def test_only_the_largest_errors_are_kept():

@@ -11,11 +11,6 @@ LINE = [(0.5, 0.5), (3.5, 2.5)]
 POINT = [(2.5, 1.5)] * 3
 
 
-def drawn(points, bounds, pixels=touched_pixels):
-    (mask,) = pixels([np.array(points, float)], np.array([bounds]))
-    return ["".join(".#"[int(pixel)] for pixel in row) for row in mask]
-
-
 @pytest.mark.parametrize(
     ("points", "bounds", "expected"),
     [
@@ -28,7 +23,9 @@ def drawn(points, bounds, pixels=touched_pixels):
     ids=["diamond", "part of it", "rectangle", "line", "point"],
 )
 def test_touched_pixels_are_all_that_the_outline_touches(points, bounds, expected):
-    assert drawn(points, bounds) == expected
+    (mask,) = touched_pixels([np.array(points, float)], np.array([bounds]))
+
+    assert ["".join(".#"[int(pixel)] for pixel in row) for row in mask] == expected
 
 
 def test_centred_pixels_of_rectangles_are_computed_only_on_request():

@@ -309,21 +309,26 @@ def test_class_names_are_read_from_every_form_of_data_yaml(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("files", "words"),
     [
-        ("names: {0: car, 2: van}", "expected numbers from 0 up"),
-        ("names: car", "expected a list of class names"),
-        ("names: [car, 3]", "expected a class name, found '3'"),
-        ("nc: 2", "expected a list of class names"),
-        ("names: [car", "data.yaml: line"),
-        ("names: [a]\nnames: [b]", "given twice"),
+        ({"data.yaml": "names: {0: car, 2: van}"}, "expected numbers from 0 up"),
+        ({"data.yaml": "names: car"}, "expected a list of class names"),
+        ({"data.yaml": "names: [car, 3]"}, "expected a class name, found '3'"),
+        ({"data.yaml": "nc: 2"}, "expected a list of class names"),
+        ({"data.yaml": "names: [car"}, "data.yaml: line"),
+        ({"data.yaml": "names: [a]\nnames: [b]"}, "given twice"),
+        ({"label_2/1.txt": "", "frames.jsonl": '{"file": "", "key": "b"}'},
+         "expected the name of a file, found ''"),
+        ({"label/1.txt": "", "Readme.txt": '{"classes": {"car": [1]}}'},
+         "Readme.txt: expected a number for each class, found a list"),
     ],
-)
-def test_data_yaml_with_invalid_names_is_refused(tmp_path, content, words):
-    write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": content})
+)  # fmt: skip
+def test_list_with_an_invalid_name_or_number_is_refused(tmp_path, files, words):
+    labels = {"labels/1.txt": YOLO_LINE} if "data.yaml" in files else {}
+    write_files(tmp_path, labels | files)
 
     with pytest.raises(LayoutError) as caught:
-        read_source(tmp_path)
+        list(read_source(tmp_path))
 
     assert words in caught.value.detail
 
@@ -662,24 +667,6 @@ def test_label_that_is_an_endless_device_is_refused_without_reading_it(tmp_path)
     (frame,) = read_source(town, "yolo", RecordingDescription(outside_files=True))
 
     assert "not a regular file" in str(frame.problem)
-
-
-@pytest.mark.parametrize(
-    ("files", "words"),
-    [
-        ({"label_2/1.txt": "", "frames.jsonl": '{"file": "", "key": "b"}'},
-         "expected the name of a file, found ''"),
-        ({"label/1.txt": "", "Readme.txt": '{"classes": {"car": [1]}}'},
-         "Readme.txt: expected a number for each class, found a list"),
-    ],
-)  # fmt: skip
-def test_list_with_a_name_or_number_that_is_none_is_refused(tmp_path, files, words):
-    write_files(tmp_path, files)
-
-    with pytest.raises(LayoutError) as refused:
-        list(read_source(tmp_path))
-
-    assert words in refused.value.detail
 
 
 def test_cvat_is_read_with_parts_attributes_and_outlines(tmp_path):
