@@ -32,14 +32,14 @@ def test_scores_without_boxes_are_none():
 def test_precision_recall_and_f1_are_correct_and_in_their_intervals(tp, fp, fn, tn):
     scores = Confusion(tp, fp, fn, tn)
 
+    three = scores.precision, scores.recall, scores.f1
     assert scores.boxes == tp + fp + fn + tn
     if tp:
         precision, recall = tp / (tp + fp), tp / (tp + fn)
         f1 = 2 * precision * recall / (precision + recall)
-        three = scores.precision, scores.recall, scores.f1
         values = [score.value for score in three if score is not None]
         assert values == pytest.approx([precision, recall, f1])
-    for score in (scores.precision, scores.recall, scores.f1):
+    for score in three:
         if score is not None:
             assert 0 <= score.low <= score.value <= score.high <= 1
 

@@ -76,17 +76,14 @@ def test_push_skips_frame_with_unchanged_content(batches, client, tmp_path):
     assert batches.taken == []
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
-        pytest.param(outgoing_frame("a", image=b"j"), id="as many other bytes"),
-        pytest.param(outgoing_frame("a", depth=b"i"), id="another kind of file"),
-        pytest.param(
-            OutgoingFrame("a", {"boxes": [{**BOX, "id": "7"}]}, {"image": b"i"}),
-            id="another box",
-        ),
-    ],
-)
+CHANGED = {
+    "as many other bytes": outgoing_frame("a", image=b"j"),
+    "another kind of file": outgoing_frame("a", depth=b"i"),
+    "another box": OutgoingFrame("a", {"boxes": [{**BOX, "id": 7}]}, {"image": b"i"}),
+}
+
+
+@pytest.mark.parametrize("changed", CHANGED.values(), ids=CHANGED)
 def test_push_sends_frame_with_changed_content(batches, client, changed):
     batches.known["a"] = outgoing_frame("a", image=b"i").digest()
 
@@ -159,12 +156,8 @@ def test_push_of_single_frames_goes_on_after_one_that_others_have_answered(
     outcomes = list(client.push("town", frames, replace=True))
 
     assert len(batches.put) == 2
-    errors = {
-        outcome.key: str(outcome.error)
-        for outcome in outcomes
-        if isinstance(outcome, NotSent)
-    }
-    assert errors == {"a": "by others"}
+    refused = [outcome for outcome in outcomes if isinstance(outcome, NotSent)]
+    assert {frame.key: str(frame.error) for frame in refused} == {"a": "by others"}
 
 
 UNREADABLE = "has a line that cannot be read"
