@@ -3,8 +3,6 @@
 The rules are checked against this record as well as against the source code.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from tests.pins.walk import walked
@@ -19,7 +17,7 @@ def recorded_access(tmp_path_factory: pytest.TempPathFactory) -> DatabaseAccess:
     with (
         live(folder) as service,
         service.admin() as http,
-        record_access(service.app.state.database) as found,
+        record_access(service.app.state.database) as accesses,
     ):
         walked(http)
-    return found
+    return accesses

@@ -1,7 +1,5 @@
 """The product declares the packages that it imports, and uses all that it declares."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys
@@ -93,7 +91,7 @@ def test_lock_has_one_allowed_version_of_each_declared_package(lock, extras):
     declared = [*project["dependencies"]]
     for extra in extras:
         declared += project["optional-dependencies"][extra]
-    pinned = [Requirement(one) for one in re.findall(r"^(\w.*?) \\$", read(lock), re.M)]
+    pinned = [Requirement(pin) for pin in re.findall(r"^(\w.*?) \\$", read(lock), re.M)]
 
     for python, platform in product(PYTHONS, PLATFORMS):
         machine = {
@@ -103,13 +101,13 @@ def test_lock_has_one_allowed_version_of_each_declared_package(lock, extras):
             "platform_machine": "x86_64",
         }
         chosen = {
-            canonicalize_name(one.name): next(iter(one.specifier)).version
-            for one in pinned
-            if one.marker is None or one.marker.evaluate(machine)
+            canonicalize_name(pin.name): next(iter(pin.specifier)).version
+            for pin in pinned
+            if pin.marker is None or pin.marker.evaluate(machine)
         }
-        for one in map(Requirement, declared):
-            if one.marker is None or one.marker.evaluate(machine):
-                assert chosen[canonicalize_name(one.name)] in one.specifier
+        for need in map(Requirement, declared):
+            if need.marker is None or need.marker.evaluate(machine):
+                assert chosen[canonicalize_name(need.name)] in need.specifier
 
 
 def test_locks_have_a_hash_for_each_package_and_name_no_server():
@@ -117,15 +115,15 @@ def test_locks_have_a_hash_for_each_package_and_name_no_server():
         packages = re.split(r"\n(?=\w)", read(lock).partition("\n")[2])[1:]
 
         assert len(packages) > 50
-        assert [one for one in packages if "--hash=sha256:" not in one] == []
+        assert [text for text in packages if "--hash=sha256:" not in text] == []
         assert "://" not in read(lock)
 
 
 @pytest.mark.parametrize("name", LOWEST_VERSIONS)
 def test_dependencies_with_a_known_vulnerability_are_not_installed(name):
     declared = map(Requirement, metadata.requires("unghost") or [])
-    (wanted,) = (one for one in declared if one.name == name)
-    lowest = [Version(one.version) for one in wanted.specifier if one.operator == ">="]
+    (need,) = (need for need in declared if need.name == name)
+    lowest = [Version(spec.version) for spec in need.specifier if spec.operator == ">="]
 
     assert lowest >= [Version(LOWEST_VERSIONS[name])]
     assert Version(metadata.version(name)) >= Version(LOWEST_VERSIONS[name])

@@ -1,7 +1,5 @@
 """Every error that the code can raise has a status, a stable code and a docstring."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 
@@ -20,9 +18,9 @@ MAY_BE_500 = (AppError, DamagedFile)
 def import_all_modules() -> None:
     """Import every module of the service and the library, so no subclass is missed."""
     for package in (app, filter_core):
-        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-            if not found.name.endswith("__main__"):
-                importlib.import_module(found.name)
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
 
 
 def class_and_subclasses(cls: type[Exception]) -> list[type[Exception]]:
@@ -30,9 +28,9 @@ def class_and_subclasses(cls: type[Exception]) -> list[type[Exception]]:
     return [
         cls,
         *(
-            found
+            error
             for child in cls.__subclasses__()
-            for found in class_and_subclasses(child)
+            for error in class_and_subclasses(child)
         ),
     ]
 

@@ -1,7 +1,5 @@
 """No file holds a path of somebody's own machine."""
 
-from __future__ import annotations
-
 import re
 
 from tests.support.sources import page_sources, python_sources, sources
@@ -13,11 +11,11 @@ MACHINE_PATH = re.compile(
 
 def test_no_file_contains_an_absolute_local_path():
     documents = sources((".ci", "docs"), ".md", ".yaml", ".yml", ".toml")
-    found = [
+    places = [
         f"{source.name}:{number}"
         for source in (*python_sources(), *page_sources(), *documents)
         for number, line in enumerate(source.lines, 1)
         if MACHINE_PATH.search(line)
     ]
 
-    assert found == []
+    assert places == []

@@ -1,7 +1,5 @@
 """The document names the service's packages in order, and few modules open files."""
 
-from __future__ import annotations
-
 import ast
 from typing import Final
 
@@ -21,7 +19,7 @@ OPENING: Final = frozenset(
 def test_table_of_the_architecture_has_the_order_of_the_import_contract():
     settings = pytest.importorskip("tomllib").loads(read("pyproject.toml"))["tool"]
     contracts = settings["importlinter"]["contracts"]
-    (layers,) = (one["layers"] for one in contracts if one.get("containers") == ["app"])
+    (layers,) = (row["layers"] for row in contracts if row.get("containers") == ["app"])
     level_of = {
         name: level
         for level, names in enumerate(layers)
@@ -49,11 +47,11 @@ def opened_files(tree: ast.AST) -> list[int]:
 
 
 def test_in_filter_core_only_formats_and_local_open_files():
-    found = {
+    readers = {
         source.name
         for source in python_sources("filter_core")
         if opened_files(source.tree)
     }
 
-    assert {name for name in found if not name.startswith(OPEN_FILES)} == set()
-    assert "filter_core/local.py" in found
+    assert {name for name in readers if not name.startswith(OPEN_FILES)} == set()
+    assert "filter_core/local.py" in readers

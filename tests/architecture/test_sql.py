@@ -4,8 +4,6 @@ Other modules may import SQLAlchemy's sessions and errors, nothing that could bu
 statement. import-linter cannot check this: for it SQLAlchemy is one module.
 """
 
-from __future__ import annotations
-
 import ast
 from fnmatch import fnmatchcase
 
@@ -58,8 +56,8 @@ def test_only_queries_build_and_run_statements():
         if not any(fnmatchcase(source.name, pattern) for pattern in HAVE_STATEMENTS)
     ]
 
-    assert [found for source in outside for found in builders(source)] == []
-    assert [found for source in outside for found in calls(source)] == []
+    assert [place for source in outside for place in builders(source)] == []
+    assert [place for source in outside for place in calls(source)] == []
 
 
 def test_statement_outside_of_queries_is_detected():

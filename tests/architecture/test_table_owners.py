@@ -1,7 +1,5 @@
 """Each table is written by one package of the service only."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import pytest
@@ -61,10 +59,10 @@ def test_every_table_has_an_owner():
 
 def test_table_is_written_only_by_its_owner(writes):
     owner = {name: package for package, names in OWNERS.items() for name in names}
-    found = {(module.split("/")[1], table) for module, table in writes}
+    pairs = {(module.split("/")[1], table) for module, table in writes}
 
-    assert {table for _, table in found} >= {"Decision", "Frame", "Review", "Run"}
-    by_others = {one for one in found if owner[one[1]] != one[0]}
+    assert {table for _, table in pairs} >= {"Decision", "Frame", "Review", "Run"}
+    by_others = {write for write in pairs if owner[write[1]] != write[0]}
     assert by_others == WRITTEN_BY_JOBS
 
 

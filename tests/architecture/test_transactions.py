@@ -3,8 +3,6 @@
 The exceptions are listed here.
 """
 
-from __future__ import annotations
-
 import ast
 
 from tests.support.sources import python_sources
@@ -27,14 +25,14 @@ cancelled, and on PostgreSQL stores its progress: see `Task` in `app.jobs.kind`.
 def is_given_a_session(function):
     arguments = (*function.args.args, *function.args.kwonlyargs)
     return any(
-        isinstance(one.annotation, ast.Name) and one.annotation.id == "Session"
-        for one in arguments
+        isinstance(arg.annotation, ast.Name) and arg.annotation.id == "Session"
+        for arg in arguments
     )
 
 
 def ends_or_opens_a_session(function):
     """Whether a function ends a session, or is given one and opens another one."""
-    given = is_given_a_session(function)
+    has_session = is_given_a_session(function)
     calls = [
         (ast.unparse(node.func.value), node.func.attr)
         for node in ast.walk(function)
@@ -44,13 +42,13 @@ def ends_or_opens_a_session(function):
     ]
     return any(
         (name in ENDING and owner.endswith("session"))
-        or (given and name in OPENING and owner.endswith("database"))
+        or (has_session and name in OPENING and owner.endswith("database"))
         for owner, name in calls
     )
 
 
 def test_functions_with_a_session_neither_end_nor_open_transactions():
-    found = {
+    nested = {
         f"{source.name}:{function.name}"
         for source in python_sources("app")
         for function in ast.walk(source.tree)
@@ -58,7 +56,7 @@ def test_functions_with_a_session_neither_end_nor_open_transactions():
         and ends_or_opens_a_session(function)
     }
 
-    assert found == ALLOWED
+    assert nested == ALLOWED
 
 
 def test_no_transaction_begins_within_a_writing_transaction(recorded_access):

@@ -3,8 +3,6 @@
 Each has a record of its origin and its licence.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 
@@ -18,12 +16,12 @@ ACCEPTED_LICENCES = frozenset(
 
 
 def test_every_vendored_file_has_the_recorded_content():
-    found = {
+    digests = {
         file["path"]: hashlib.sha256((VENDOR / file["path"]).read_bytes()).hexdigest()
         for file in LOCKED
     }
 
-    assert found == {file["path"]: file["sha256"] for file in LOCKED}
+    assert digests == {file["path"]: file["sha256"] for file in LOCKED}
 
 
 def test_no_code_is_vendored_without_a_record():

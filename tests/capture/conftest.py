@@ -3,8 +3,6 @@
 A test can compare its state after a capture with its state before.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import sys

@@ -1,7 +1,5 @@
 """How a scenario chooses blueprints, and how their attributes are set for CARLA."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -16,19 +14,19 @@ def spawned(stage, **vehicles):
     stage.capture(
         **SHORT_SCENARIO, vehicles={"count": 3, "filter": "vehicle.*", **vehicles}
     )
-    return {one for one in stage.simulator.spawned[2:] if one.startswith("vehicle.")}
+    return {kind for kind in stage.simulator.spawned[2:] if kind.startswith("vehicle.")}
 
 
 @pytest.mark.parametrize(
-    ("wanted", "kinds"),
+    ("options", "kinds"),
     [
         ({"wheels": 2}, {"vehicle.bh.crossbike"}),
         ({"wheels": 4, "generation": 1}, {"vehicle.mitsubishi.fusorosa"}),
     ],
     ids=str,
 )
-def test_wheels_and_generation_filter_vehicle_blueprints(stage, wanted, kinds):
-    assert spawned(stage, **wanted) == kinds
+def test_wheels_and_generation_filter_vehicle_blueprints(stage, options, kinds):
+    assert spawned(stage, **options) == kinds
 
 
 def test_generation_filters_walker_blueprints(stage):

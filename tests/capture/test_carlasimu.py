@@ -1,7 +1,5 @@
 """Captures that carlasimu's own seven files describe, on the fake simulator."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import carla
@@ -34,9 +32,9 @@ def test_scenario_of_carlasimus_own_files_is_recorded(stage):
         for name in ("carlamotors.carlacola", "carlamotors.firetruck", "bh.crossbike")
     )
     boxes = stage.frames()[0]["boxes"]
-    assert {"car", "truck", "van", "traffic_light"} <= {one["class"] for one in boxes}
+    assert {"car", "truck", "van", "traffic_light"} <= {box["class"] for box in boxes}
     # Beyond its max_distance of 50 m, which limits what it draws.
-    assert {*(50 < one["distance"] < 200 for one in boxes)} == {False, True}
+    assert {*(50 < box["distance"] < 200 for box in boxes)} == {False, True}
 
 
 def test_attributes_and_lights_of_carlasimus_own_files_reach_the_simulator(stage):

@@ -1,7 +1,5 @@
 """The command `unghost capture`: dry runs, mistakes, exit codes and reports."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

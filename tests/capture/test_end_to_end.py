@@ -1,7 +1,5 @@
 """`unghost capture` in a process of its own, sending its frames to a live service."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -123,10 +121,10 @@ def test_campaign_killed_twice_has_every_frame_of_every_map_once(
     code, out, err = wait_for_exit(line.start(*command))
 
     assert code == 0, err
-    frames = [json.loads(one) for one in manifest.read_text().splitlines()]
-    assert Counter(one["map"] for one in frames) == dict.fromkeys(TOWNS, 20)
-    assert len({one["key"] for one in frames}) == len(frames)
-    assert list(dict.fromkeys(one["map"] for one in frames)) == TOWNS
+    frames = [json.loads(line) for line in manifest.read_text().splitlines()]
+    assert Counter(frame["map"] for frame in frames) == dict.fromkeys(TOWNS, 20)
+    assert len({frame["key"] for frame in frames}) == len(frames)
+    assert list(dict.fromkeys(frame["map"] for frame in frames)) == TOWNS
     counts = [line.split("\t") for line in out.splitlines() if "count\t" in line]
     assert {row[2]: row[3] for row in counts if row[1] == "map"} == dict.fromkeys(
         TOWNS, "20"
@@ -136,15 +134,15 @@ def test_campaign_killed_twice_has_every_frame_of_every_map_once(
         "WetSunset": "80",
     }
     with Client(server.url, server.token) as client:
-        stored = [one.key for one in client.frames("campaign")]
+        stored = [frame.key for frame in client.frames("campaign")]
         by_map = client.stats("campaign").by_map
         assert {name: of.frames for name, of in by_map.items()} == dict.fromkeys(
             TOWNS, 20
         )
         assert sum(of.boxes for of in by_map.values()) == sum(
-            len(one["boxes"]) for one in frames
+            len(frame["boxes"]) for frame in frames
         )
-    assert sorted(stored) == sorted(one["key"] for one in frames)
+    assert sorted(stored) == sorted(frame["key"] for frame in frames)
 
 
 def test_ctrl_c_exits_with_130_and_the_capture_can_be_resumed(line):

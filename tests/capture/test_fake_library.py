@@ -3,8 +3,6 @@
 The protocols that the product's types use are compared with it, too.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 
@@ -82,7 +80,7 @@ METHODS = [
 )
 def test_real_class_has_every_member_of_its_protocol(protocol, name):
     members = {*vars(protocol), *getattr(protocol, "__annotations__", {})}
-    used = {one for one in members if not one.startswith("_")}
+    used = {member for member in members if not member.startswith("_")}
     used |= members & {*OPERATORS}
 
     assert used
@@ -91,9 +89,9 @@ def test_real_class_has_every_member_of_its_protocol(protocol, name):
 
 def test_every_class_protocol_is_compared_with_its_class():
     described = {
-        one
-        for one in vars(known).values()
-        if getattr(one, "_is_protocol", False) and one.__module__ == known.__name__
+        value
+        for value in vars(known).values()
+        if getattr(value, "_is_protocol", False) and value.__module__ == known.__name__
     }
     by_hand = {
         *(known.AttributeType, known.AttachmentTypes, known.Labels, known.Commands),
@@ -162,10 +160,8 @@ def parameters(documentation, method):
     )
     inside = line[line.index("(") + 1 : line.rindex(") ->")]
     required, _, optional = inside.partition("[")
-    names = [(found, False) for found in re.findall(r"\(\w+\)(\w+)", required)]
-    return names[1:] + [
-        (found, True) for found in re.findall(r"\(\w+\)(\w+)", optional)
-    ]
+    names = [(name, False) for name in re.findall(r"\(\w+\)(\w+)", required)]
+    return names[1:] + [(name, True) for name in re.findall(r"\(\w+\)(\w+)", optional)]
 
 
 def test_scenario_presets_lights_and_layers_match_the_library():

@@ -4,8 +4,6 @@ Every frame that is written is right, the others are counted, and the simulator 
 left as it was before.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

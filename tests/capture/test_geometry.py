@@ -1,7 +1,5 @@
 """Geometry as it is stored agrees with what CARLA's real library computes."""
 
-from __future__ import annotations
-
 import carla
 import numpy as np
 import pytest
@@ -56,11 +54,11 @@ def test_corners_of_a_box_match_the_carla_library(pose, is_of_actor):
 @pytest.mark.parametrize("pose", POSES, ids=str)
 def test_projection_of_annotations_matches_the_matrices_of_the_library(pose):
     ahead = carla.Transform(pose.transform(carla.Location(15, 2, 0)), pose.rotation)
-    one = SeenObject(CAR, local_box(given_box()), as_transform(ahead))
+    seen = SeenObject(CAR, local_box(given_box()), as_transform(ahead))
     camera = {"width": 800, "height": 600, "fov": 90}
     annotation = {
         "camera": {**camera, "transform": as_transform(pose).as_dict()},
-        "boxes": [one.as_annotation(15.0, (50,))],
+        "boxes": [seen.as_annotation(15.0, (50,))],
     }
 
     read = frame_boxes_2d(parse_annotation(annotation), (800, 600))

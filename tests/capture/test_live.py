@@ -1,7 +1,5 @@
 """Clean boxes while a simulation runs, in a script of one's own."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time
@@ -52,8 +50,8 @@ def script(as_carla):
 
 
 def verdicts(frame):
-    actors = (one for one in frame.decisions if "-" not in one["id"])
-    return [one["verdict"] for one in actors]
+    actors = (box for box in frame.decisions if "-" not in box["id"])
+    return [actor["verdict"] for actor in actors]
 
 
 @pytest.mark.parametrize("names", [["rgb", "segmentation"], list(SENSORS)])
@@ -64,16 +62,16 @@ def test_each_tick_of_a_synchronous_world_comes_with_clean_boxes(script, names):
     with unghost.live(world, sensors=chosen) as live:
         frames = [next(live) for _ in range(3)]
 
-    assert [one.tick for one in frames] == [frames[0].tick + n for n in range(3)]
+    assert [frame.tick for frame in frames] == [frames[0].tick + n for n in range(3)]
     for frame in frames:
         # A wall hides a car and a walker.
         assert verdicts(frame) == ["kept", "rejected", "rejected"]
-        assert {one["verdict"] for one in frame.boxes} == {"kept"}
-        assert all(one["explanation"] for one in frame.decisions)
+        assert {box["verdict"] for box in frame.boxes} == {"kept"}
+        assert all(box["explanation"] for box in frame.decisions)
         assert frame.image is not None
         assert frame.image.shape == (96, 160, 3)
     assert (live.dropped, live.missed.total()) == (0, 0)
-    assert not any(one.is_listening() for one in chosen.values())
+    assert not any(sensor.is_listening() for sensor in chosen.values())
     assert simulator.listeners == {}
     assert world.get_settings().synchronous_mode
 
@@ -87,7 +85,7 @@ def test_callback_gets_every_tick_that_the_script_makes(script):
         while len(seen) < 5 and live.missed.total() == 0:
             time.sleep(0.01)
 
-    assert [one.tick for one in seen] == ticks
+    assert [frame.tick for frame in seen] == ticks
     with pytest.raises(StopIteration):
         next(live)
 
@@ -154,16 +152,18 @@ def test_wrong_sensors_are_refused(script, names, said):
     _, world, sensors = script
 
     with pytest.raises(CaptureError, match=said):
-        unghost.live(world, sensors={name: sensors[one] for name, one in names.items()})
+        unghost.live(
+            world, sensors={name: sensors[kind] for name, kind in names.items()}
+        )
 
 
 def test_the_ten_lines_of_the_page_run(script):
     _, world, sensors = script
     code = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)[0]
-    given = {"world": world, "camera": sensors["rgb"], "tags": sensors["segmentation"]}
+    names = {"world": world, "camera": sensors["rgb"], "tags": sensors["segmentation"]}
     shown: list[np.ndarray] = []
 
-    exec(code, {**given, "show": shown.append, "is_over": lambda: len(shown) == 2})
+    exec(code, {**names, "show": shown.append, "is_over": lambda: len(shown) == 2})
 
     assert len(code.splitlines()) <= 12
     assert len(shown) == 2

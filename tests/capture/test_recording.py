@@ -3,8 +3,6 @@
 The filter reads the folder and keeps visible objects and rejects hidden ones.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 
@@ -42,8 +40,8 @@ def keys(count, **changes):
 def verdicts(stage, **config):
     """The paper's verdict on each box of the first frame, by the box's id."""
     by_tags = FilterConfig(profile="paper", **config)
-    found = filter_source(read_source(stage.folder), by_tags, workers=1)
-    first = next(iter(found))
+    outcomes = filter_source(read_source(stage.folder), by_tags, workers=1)
+    first = next(iter(outcomes))
     assert first.decisions is not None
     return {box["id"]: box["verdict"] for box in first.decisions}
 
@@ -71,7 +69,7 @@ def test_ghosts_are_rejected_and_visible_objects_are_kept(recorded, evidence):
 
     said, at = verdicts(stage, evidence=evidence), actor_ids_by_position(stage)
 
-    assert {place: said[one] for place, one in at.items()} == {
+    assert {place: said[pixel] for place, pixel in at.items()} == {
         (15, -3): "kept",
         (24, 5): "kept",
         (35, -17): "rejected",
@@ -124,7 +122,7 @@ def test_images_of_every_kind_are_stored_losslessly(recorded):
     # The camera is 2.4 m above the road. The centre of the last row is half a pixel
     # less than half the image below the horizon, which gives the distance.
     assert metres[road] == pytest.approx(2.4 * 80 / 47.5, abs=1e-3)
-    seen = {int(one) for one in np.unique(ids.ids[tags == 14])}
+    seen = {int(number) for number in np.unique(ids.ids[tags == 14])}
     at = actor_ids_by_position(stage)
     assert {int(at[15, -3]), int(at[24, 5])} <= seen
 
@@ -298,7 +296,7 @@ def test_parked_cars_of_a_removed_map_layer_get_no_boxes(stage, layer):
     stage.capture(frames=1, map_layers={layer: False})
 
     ids = [box["id"] for box in stage.frames()[0]["boxes"]]
-    assert [one for one in ids if one.startswith("env-")] == []
+    assert [box_id for box_id in ids if box_id.startswith("env-")] == []
 
 
 def test_interrupted_capture_resumes_after_the_last_complete_frame(stage):

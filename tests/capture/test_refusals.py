@@ -3,8 +3,6 @@
 That is: scenarios that this simulator cannot play, and folders of something else.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from unghost.capture.simulator import CaptureError

@@ -3,8 +3,6 @@
 It ends soon, and puts the simulator back as it was wherever that is possible.
 """
 
-from __future__ import annotations
-
 import signal
 
 import pytest
@@ -39,8 +37,8 @@ def call_at_tick(stage, tick, act):
 def test_repeated_ctrl_c_while_spawning_leaves_no_actor_behind(stage, monkeypatch):
     add = stage.simulator.add
 
-    def add_slowly(*given):
-        made = add(*given)
+    def add_slowly(*arguments):
+        made = add(*arguments)
         for _ in range(3):
             signal.raise_signal(signal.SIGINT)
         return made

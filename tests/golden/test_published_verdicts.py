@@ -1,7 +1,5 @@
 """Profile `carlasimu` says what the code that the paper's authors published says."""
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from pathlib import Path
@@ -36,7 +34,7 @@ def check_cases(folder: Path) -> int:
             size_big_box=size,
             threshold_big_box=big,
         )
-        boxes = [{"class": one["class"], "xyxy": one["box_xyxy"]} for one in group]
+        boxes = [{"class": box["class"], "xyxy": box["box_xyxy"]} for box in group]
         content = (folder / "masks" / mask).read_bytes()
 
         result = filter_frame({"boxes": boxes}, content, config)
@@ -83,7 +81,7 @@ def test_authors_own_configuration_skips_boxes_by_their_distance_ahead():
 
     result = filter_frame({"camera": camera, "boxes": boxes}, cars, config)
 
-    reasons = [one["reason"] for one in result.decisions]
+    reasons = [box["reason"] for box in result.decisions]
     assert dict(zip(PLACES, reasons, strict=True)) == PLACES
     assert result.decisions[-1]["explanation"] == (
         "rejected: its centre is not far enough ahead of the camera"

@@ -1,7 +1,5 @@
 """Real CARLA data that others have published, filtered by the library."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 
@@ -33,7 +31,7 @@ def test_the_authors_own_frame_is_imported_and_corrected(profile):
 
     assert (frames.layout, outcome.key) == ("carlasimu", "00000993")
     decisions = outcome.decisions or []
-    reasons = Counter(one["reason"] for one in decisions)
+    reasons = Counter(box["reason"] for box in decisions)
     assert reasons == {"outside_image": 12, "no_segmentation": 20}
     for decision, expected in zip(decisions, oracle, strict=True):
         xyxy = decision["xyxy"]
@@ -49,7 +47,7 @@ def test_labels_without_a_class_get_the_reason_unmapped_class():
 
     (outcome,) = filter_source(frames, FilterConfig())
 
-    reasons = Counter(one["reason"] for one in outcome.decisions or ())
+    reasons = Counter(box["reason"] for box in outcome.decisions or ())
     assert reasons == {"outside_image": 12, "unmapped_class": 20}
 
 
@@ -58,10 +56,10 @@ def test_boxes_of_frames_without_a_segmentation_are_unmeasured():
 
     outcomes = list(filter_source(frames, FilterConfig()))
 
-    assert [one.error for one in outcomes] == [None] * 13
-    boxes = [box for one in outcomes for box in one.decisions or ()]
+    assert [outcome.error for outcome in outcomes] == [None] * 13
+    boxes = [box for outcome in outcomes for box in outcome.decisions or ()]
     assert Counter(box["verdict"] for box in boxes) == {"unmeasured": 117}
-    whys = [one.why for one in frames.unmatched]
+    whys = [file.why for file in frames.unmatched]
     assert whys == ["no label file for this instance image"]
 
 
@@ -92,17 +90,17 @@ def test_segmentation_with_swapped_channels_is_measured_correctly():
     folder = shared(f"{SWAPPED}/report/Part5_output")
     name = "instance_segmentation.modal_boxes.DERIVED.json"
     objects = json.loads((folder / name).read_text())["objects"]
-    accept = {one["cls"]: {"accept": [one["tag"]]} for one in objects}
-    boxes = [{"class": one["cls"], "xyxy": one["modal_box_xyxy"]} for one in objects]
+    accept = {row["cls"]: {"accept": [row["tag"]]} for row in objects}
+    boxes = [{"class": row["cls"], "xyxy": row["modal_box_xyxy"]} for row in objects]
 
     # Red and green are instance ids there, so only the config can say where tags are.
-    given = {"encoding": "raw", "channel_order": "bgr", "classes": accept}
+    mapping = {"encoding": "raw", "channel_order": "bgr", "classes": accept}
     content = (folder / "instance_segmentation.png").read_bytes()
     annotation = {"carla_version": "0.9.15", "boxes": boxes}
 
-    result = filter_frame(annotation, content, FilterConfig.from_mapping(given))
+    result = filter_frame(annotation, content, FilterConfig.from_mapping(mapping))
 
-    fills = [one["class_fill"] * 100 for one in objects]
-    found = [one["match_percent"] or 0.0 for one in result.decisions]
-    np.testing.assert_allclose(found, fills, atol=0.006)
-    assert {one["verdict"] for one in result.decisions} <= {"kept", "rejected"}
+    fills = [row["class_fill"] * 100 for row in objects]
+    matches = [box["match_percent"] or 0.0 for box in result.decisions]
+    np.testing.assert_allclose(matches, fills, atol=0.006)
+    assert {box["verdict"] for box in result.decisions} <= {"kept", "rejected"}

@@ -1,7 +1,5 @@
 """Sensors that stand elsewhere than the camera, against CARLA's own matrices."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -23,12 +21,6 @@ def cases():
     return json.loads(shared("oracles/geometry.json").read_text("utf-8"))["cases"]
 
 
-def to_sensor_axes(case, points):
-    """World points in the sensor's axes, by CARLA's inverse matrix."""
-    inverse = np.array(case["carla"]["camera_inverse_matrix"])
-    return points @ inverse[:3, :3].T + inverse[:3, 3]
-
-
 def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
     dice = np.random.default_rng(7)
     for case in cases:
@@ -38,9 +30,9 @@ def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
         centre = vertices.mean(axis=0)
         inside = centre + (vertices - centre) * dice.uniform(0, 0.95, (8, 1))
         beside = centre + (vertices - centre) * dice.uniform(1.05, 2, (8, 1))
-        points = LidarPoints(
-            to_sensor_axes(case, np.concatenate([inside, beside])), np.full(16, CAR)
-        )
+        inverse = np.array(case["carla"]["camera_inverse_matrix"])
+        in_axes = np.concatenate([inside, beside]) @ inverse[:3, :3].T + inverse[:3, 3]
+        points = LidarPoints(in_axes, np.full(16, CAR))
 
         counted = points_inside(
             points, as_transform(case["camera"]), vertices[None], np.array([1 << CAR])

@@ -4,8 +4,6 @@ It has all actors: 166 boxes of eight classes, of which 75 are kept, where the f
 `street` are tiny and have a dozen. ``unghost demo`` leaves most of them out.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from filter_core import FilterConfig
@@ -45,7 +43,7 @@ def _exported(name: str, street: FrameSet) -> dict[str, bytes]:
     """The files of an export with the filter's default configuration."""
     needs = FORMATS[name].needs
     frames = export_sources(street, FilterConfig(), measure=True, needs=needs)
-    decided = [one for one in frames if isinstance(one, ExportFrame)]
+    decided = [frame for frame in frames if isinstance(frame, ExportFrame)]
     files: dict[str, bytes] = {}
     write_export(
         name,

@@ -1,7 +1,5 @@
 """Pins of digests in the database: of configurations and of what is measured by."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -74,10 +72,10 @@ def found() -> dict[str, Any]:
     return {
         "configurations": {
             name: {"digest": config.digest, "as_dict": config.as_dict()}
-            for name, given in CONFIGS.items()
-            for config in [FilterConfig.from_mapping(given)]
+            for name, mapping in CONFIGS.items()
+            for config in [FilterConfig.from_mapping(mapping)]
         },
-        "plans": {name: _plan(**given) for name, given in PLANS.items()},
+        "plans": {name: _plan(**plan) for name, plan in PLANS.items()},
     }
 
 

@@ -1,7 +1,5 @@
 """Pins of what others build on: the OpenAPI document, routes, names, loaded modules."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

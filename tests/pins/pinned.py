@@ -1,7 +1,5 @@
 """All pins by name, each with the function that computes it from the present code."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final

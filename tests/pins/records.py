@@ -1,7 +1,5 @@
 """A pin of the bytes that evidence and flips are stored as, from fixed arrays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pins of what a running service answers, stores and writes for frames of `street`."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io
@@ -69,10 +67,10 @@ def _client(server: RunningServer) -> httpx.Client:
 
 
 def _exports(http: httpx.Client) -> tuple[dict[str, Any], dict[str, dict[str, bytes]]]:
-    wanted = {**{name: {} for name in EXPORT_FORMATS}, **EXPORTS}
+    options_of = {**{name: {} for name in EXPORT_FORMATS}, **EXPORTS}
     archives = {
         name: _archive(http, name.partition(",")[0], options)
-        for name, options in wanted.items()
+        for name, options in options_of.items()
     }
     digests = {
         name: {

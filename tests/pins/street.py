@@ -5,8 +5,6 @@ come out on every machine and with every version of numpy, OpenCV and zlib. The 
 looks along x with a focal length of 48 px, 1.5 m above the road.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib
@@ -184,8 +182,8 @@ def png(rgb: NDArray[Any]) -> bytes:
     starts = range(0, len(raw), _STORED_BLOCK)
     blocks = [raw[start : start + _STORED_BLOCK] for start in starts]
     stored = b"".join(
-        struct.pack("<BHH", at == len(blocks) - 1, len(one), len(one) ^ 0xFFFF) + one
-        for at, one in enumerate(blocks)
+        struct.pack("<BHH", at == len(blocks) - 1, len(raw), len(raw) ^ 0xFFFF) + raw
+        for at, raw in enumerate(blocks)
     )
     data = b"\x78\x01" + stored + struct.pack(">I", zlib.adler32(raw))
     return png_of_chunks((width, height, 8, 2), chunk(b"IDAT", data))

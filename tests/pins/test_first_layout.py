@@ -4,8 +4,6 @@ The bytes are written in this file, where rewriting the pins cannot change them.
 are those of the pin ``records`` at the first layout, without columns added later.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.measuring.evidence import CHANNEL_NUMBERS, NUMBERS

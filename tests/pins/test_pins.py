@@ -1,7 +1,5 @@
 """The present code gives every pinned value; `tests.pins` explains what pins are."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 
@@ -11,16 +9,16 @@ from tests.pins import stored
 from tests.pins.pinned import PINS
 
 
-def with_stored_limits(name: str, found: Any) -> Any:
+def with_stored_limits(name: str, value: Any) -> Any:
     """The found value, in which fewer modules of our own count as the stored number."""
     if name != "modules":
-        return found
+        return value
     limits = stored.read(name)
-    found = copy.deepcopy(found)
-    for statement, loaded in found.items():
+    value = copy.deepcopy(value)
+    for statement, loaded in value.items():
         limit = limits.get(statement, {}).get("own modules", 0)
         loaded["own modules"] = max(loaded["own modules"], limit)
-    return found
+    return value
 
 
 @pytest.mark.parametrize("name", PINS)

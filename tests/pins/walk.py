@@ -1,7 +1,5 @@
 """A fixed series of API requests on the frames of `street`, with every response."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -62,26 +60,26 @@ class Walk:
 
     def ask(self, step: str, method: str, path: str, **request: Any) -> httpx.Response:
         """Send a request, and record the response under the name of the step."""
-        answer = self.http.request(method, path, **request)
+        response = self.http.request(method, path, **request)
         headers = {
-            name: plain_text(answer.headers[name])
+            name: plain_text(response.headers[name])
             for name in HEADERS
-            if name in answer.headers
+            if name in response.headers
         }
         self.steps.append(
             {
                 "step": step,
-                "asked": f"{method} {plain_text(answer.request.url.raw_path.decode())}",
-                "status": answer.status_code,
+                "asked": f"{method} {plain_text(response.url.raw_path.decode())}",
+                "status": response.status_code,
                 "headers": headers,
-                "body": _body(answer),
+                "body": _body(response),
             }
         )
-        return answer
+        return response
 
     def get(self, step: str, path: str, **parameters: Any) -> Any:
-        answer = self.ask(step, "GET", BASE + path, params=parameters or None)
-        return answer.json() if answer.content[:1] in (b"{", b"[") else None
+        response = self.ask(step, "GET", BASE + path, params=parameters or None)
+        return response.json() if response.content[:1] in (b"{", b"[") else None
 
     def post(self, step: str, path: str, body: Any = None, **more: Any) -> Any:
         return self.ask(step, "POST", BASE + path, json=body, **more).json()
@@ -140,46 +138,46 @@ def plain_text(text: str) -> str:
     return _SECRET.sub("<secret>", _TIME.sub("<time>", text))
 
 
-def _body(answer: httpx.Response) -> Any:
+def _body(response: httpx.Response) -> Any:
     """What is recorded of a response's body, by its type."""
-    kind = answer.headers.get("content-type", "").partition(";")[0]
-    if answer.url.path == "/readyz":
-        return {"checks": list(answer.json()["checks"])}
-    if answer.status_code == _PARTIAL:
-        return _digest(answer.content)
+    kind = response.headers.get("content-type", "").partition(";")[0]
+    if response.url.path == "/readyz":
+        return {"checks": list(response.json()["checks"])}
+    if response.status_code == _PARTIAL:
+        return _digest(response.content)
     if kind in _READERS:
-        return _READERS[kind](answer)
-    if kind.startswith("text/plain") and answer.url.path == "/metrics":
-        types = re.findall(r"^# TYPE (\S+ \S+)$", answer.text, re.MULTILINE)
+        return _READERS[kind](response)
+    if kind.startswith("text/plain") and response.url.path == "/metrics":
+        types = re.findall(r"^# TYPE (\S+ \S+)$", response.text, re.MULTILINE)
         return sorted({*types} - {_OF_SQLITE, *_COUNTED_LATER})
-    return _digest(answer.content) if answer.content else None
+    return _digest(response.content) if response.content else None
 
 
 def _digest(content: bytes) -> dict[str, str]:
     return {"sha256": hashlib.sha256(content).hexdigest()}
 
 
-def _json(answer: httpx.Response) -> Any:
-    return plain(answer.json())
+def _json(response: httpx.Response) -> Any:
+    return plain(response.json())
 
 
-def _lines(answer: httpx.Response) -> Any:
-    return [plain(json.loads(line)) for line in answer.text.splitlines()]
+def _lines(response: httpx.Response) -> Any:
+    return [plain(json.loads(line)) for line in response.text.splitlines()]
 
 
-def _files(answer: httpx.Response) -> Any:
-    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+def _files(response: httpx.Response) -> Any:
+    with zipfile.ZipFile(io.BytesIO(response.content)) as archive:
         return {name: _digest(archive.read(name)) for name in archive.namelist()}
 
 
-def _size(answer: httpx.Response) -> Any:
-    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), -1)
+def _size(response: httpx.Response) -> Any:
+    picture = cv2.imdecode(np.frombuffer(response.content, np.uint8), -1)
     return {"height, width, channels": None if picture is None else picture.shape}
 
 
-def _last_event(answer: httpx.Response) -> Any:
+def _last_event(response: httpx.Response) -> Any:
     # The number of earlier events depends on the speed of the machine.
-    *_, last = answer.text.strip().split("\n\n")
+    *_, last = response.text.strip().split("\n\n")
     event = dict(line.split(": ", 1) for line in last.splitlines())
     return {"event": event["event"], "data": plain(json.loads(event["data"]))}
 
@@ -243,8 +241,8 @@ def _uploads(walk: Walk) -> None:
     walk.ask("upload without annotation", "PUT", path, files={"image": b"1"})
     walk.put_frame("replace a frame", other, params={"replace": "true"})
     replaced = walk.put_frame("put it back", first, params={"replace": "true"})
-    known = {"keys": [first.key, "town/none"]}
-    walk.post("ask for known frames", f"/datasets/{DATASET}/known-frames", known)
+    keys = {"keys": [first.key, "town/none"]}
+    walk.post("ask for known frames", f"/datasets/{DATASET}/known-frames", keys)
     walk.get("a frame that was replaced", f"/frames/{stored['frame']['id']}")
     walk.get("a frame by its key", f"/datasets/{DATASET}/frames/{first.key}")
     page = walk.get("list frames", f"/datasets/{DATASET}/frames", limit=2)
@@ -312,11 +310,11 @@ def _review(walk: Walk) -> None:
     path = f"/review-batches/{batch['id']}/undo"
     walk.post("undo them", path)
     walk.post("undo them again", path)
-    wanted: dict[str, Any] = {"verdict": "kept", "class": "walker"}
+    selection: dict[str, Any] = {"verdict": "kept", "class": "walker"}
     listed = walk.get(
-        "count a filter", "/boxes", dataset=DATASET, count="true", limit=1, **wanted
+        "count a filter", "/boxes", dataset=DATASET, count="true", limit=1, **selection
     )
-    bulk = {"dataset": DATASET, "verdict": "keep", "filter": wanted}
+    bulk = {"dataset": DATASET, "verdict": "keep", "filter": selection}
     walk.post(
         "answer a filter", "/reviews/bulk", {**bulk, "snapshot": listed["snapshot"]}
     )
@@ -413,8 +411,8 @@ def _evaluations(walk: Walk) -> None:
 
 def _people(walk: Walk) -> None:
     walk.get("who am I", "/session")
-    wanted = {"name": "anna", "role": "viewer", "expires_in_days": 1}
-    made = walk.post("make a token", "/tokens", wanted)
+    token = {"name": "anna", "role": "viewer", "expires_in_days": 1}
+    made = walk.post("make a token", "/tokens", token)
     walk.post("make a wrong token", "/tokens", {"name": "anna", "role": "king"})
     walk.get("list tokens", "/tokens")
     viewer = {"Authorization": f"Bearer {made['token']}"}

@@ -3,8 +3,6 @@
 The docstring of `tests.pins` says when that is allowed.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

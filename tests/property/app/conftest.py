@@ -1,7 +1,5 @@
 """One database for all examples: each of them makes its own dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """`filter_frame` (measuring and deciding together) equals a slow, simple definition."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -96,19 +94,19 @@ def test_filter_frame_equals_the_slow_definition(tags, boxes, config):
     result = filter_frame({"carla_version": "0.9.15", "boxes": boxes}, tags, config)
 
     expected = [slow_reason(box, tags, config) for box in boxes]
-    assert [one["reason"] for one in result.decisions] == expected
-    for one in result.decisions:
-        match, threshold = one["match_percent"], one["threshold"]
-        margin = one["margin"]
+    assert [box["reason"] for box in result.decisions] == expected
+    for box in result.decisions:
+        match, threshold = box["match_percent"], box["threshold"]
+        margin = box["margin"]
         if threshold is None or match is None or margin is None:
-            assert (threshold, margin, one["toss_up"]) == (None, None, False)
+            assert (threshold, margin, box["toss_up"]) == (None, None, False)
         else:
             assert margin == match - threshold
-            assert (one["verdict"] == "kept") == (margin >= 0)
-        if one["box_pixels"]:
-            share = 100 * (one["matched_pixels"] or 0) / one["box_pixels"]
+            assert (box["verdict"] == "kept") == (margin >= 0)
+        if box["box_pixels"]:
+            share = 100 * (box["matched_pixels"] or 0) / box["box_pixels"]
             assert match == pytest.approx(share)
-        assert sum(hider["percent"] for hider in one["hidden_by"]) <= 100 + 1e-9
+        assert sum(hider["percent"] for hider in box["hidden_by"]) <= 100 + 1e-9
 
 
 @given(tag_images(), BOXES)

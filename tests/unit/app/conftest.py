@@ -1,7 +1,5 @@
 """Fixtures for each test module: services with a real database and a data folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

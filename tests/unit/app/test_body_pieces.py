@@ -1,7 +1,5 @@
 """`Pieces` buffers received bytes with little copying and little memory."""
 
-from __future__ import annotations
-
 import time
 import tracemalloc
 

@@ -1,7 +1,5 @@
 """The addresses that the service listens on, and those that it cannot listen on."""
 
-from __future__ import annotations
-
 import gc
 import socket
 import warnings
@@ -21,7 +19,7 @@ def test_a_socket_that_cannot_listen_is_closed():
             listen("127.0.0.1", 70_000)
         gc.collect()
 
-    assert [str(one.message) for one in told] == []
+    assert [str(warning.message) for warning in told] == []
 
 
 @pytest.mark.parametrize("host", ["x" * 64 + ".example", "a..b"])
@@ -57,9 +55,9 @@ def test_port_of_another_program_at_the_other_loopback_address_is_refused(
 def test_service_answers_at_both_loopback_addresses(server):
     port = server.url.rpartition(":")[2]
 
-    answers = [
+    statuses = [
         plain_http.get(f"http://{host}:{port}/healthz").status_code
         for host in ("127.0.0.1", "[::1]", "localhost")
     ]
 
-    assert answers == [200, 200, 200]
+    assert statuses == [200, 200, 200]

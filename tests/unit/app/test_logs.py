@@ -1,7 +1,5 @@
 """What a person sends cannot forge, hide or overwrite a line of the log."""
 
-from __future__ import annotations
-
 import io
 import json
 import logging

@@ -1,7 +1,5 @@
 """How a process of the service collects garbage, and returns freed memory."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

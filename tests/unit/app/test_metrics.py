@@ -1,7 +1,5 @@
 """Requests are counted correctly from many threads, and for each service."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 from prometheus_client.parser import text_string_to_metric_families
@@ -34,21 +32,21 @@ def test_requests_of_concurrent_threads_are_all_counted():
     with ThreadPoolExecutor(THREADS) as threads:
         list(threads.map(count, range(THREADS)))
 
-    found, half = samples_of(metrics.registry), THREADS * EACH / 2
+    samples, half = samples_of(metrics.registry), THREADS * EACH / 2
     for status in ("200", "201"):
-        assert found["unghost_requests_total", status, None] == half
-        assert found["unghost_request_seconds_count", status, None] == half
+        assert samples["unghost_requests_total", status, None] == half
+        assert samples["unghost_request_seconds_count", status, None] == half
         # A value that equals a bound is counted in the bucket up to it.
-        assert found["unghost_request_seconds_bucket", status, "0.005"] == half
-    assert found["unghost_batch_frames_total", "201", None] == THREADS * EACH
+        assert samples["unghost_request_seconds_bucket", status, "0.005"] == half
+    assert samples["unghost_batch_frames_total", "201", None] == THREADS * EACH
 
 
 def test_services_of_one_process_have_separate_request_metrics():
-    one, other = RequestMetrics("1"), RequestMetrics("1")
+    first, other = RequestMetrics("1"), RequestMetrics("1")
 
-    one.observe("GET", "/here", 200, 0.1)
+    first.observe("GET", "/here", 200, 0.1)
 
-    assert ("unghost_requests_total", "200", None) in samples_of(one.registry)
+    assert ("unghost_requests_total", "200", None) in samples_of(first.registry)
     assert ("unghost_requests_total", "200", None) not in samples_of(other.registry)
 
 

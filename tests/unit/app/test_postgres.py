@@ -5,8 +5,6 @@ here always run on PostgreSQL: they check what it may do differently, when it st
 sorts or locks rows. That concerns several packages, so they are in no package's folder.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -73,12 +71,12 @@ def test_stale_boxes_of_a_bulk_answer_are_listed_in_order_of_id(services):
     for box_id in reversed(ids):
         street.review(box_id, "keep")
 
-    given = BulkIn(
+    request = BulkIn(
         dataset=street.name, verdict="keep", box_ids=ids, seen_revisions=[0] * len(ids)
     )
     with services.context.database.write() as session:
         audit = AuditTrail(session, street.by)
-        stored = review_many(services.context, audit, given, street.by)
+        stored = review_many(services.context, audit, request, street.by)
 
     assert list(stored.stale) == ids
 
@@ -89,14 +87,14 @@ def test_pages_list_all_boxes_in_every_order(services, order):
     for number in range(4):
         put(street, str(number), number=number)
     with services.context.database.read() as session:
-        wanted = to_filter(session, street.row(session), BoxSelection())
+        chosen = to_filter(session, street.row(session), BoxSelection())
         pages = BoxPages(
-            session, wanted, TallyRepository(session).of_dataset(street.id)
+            session, chosen, TallyRepository(session).of_dataset(street.id)
         )
-        found, cursor = pages.page(order, "", 5)
+        first, cursor = pages.page(order, "", 5)
         rest, end = pages.page(order, cursor or "", 5)
 
-    assert sorted(found + rest) == street.box_ids()
+    assert sorted(first + rest) == street.box_ids()
     assert end is None
 
 
@@ -146,14 +144,14 @@ def test_run_diff_and_export_on_postgres(services):
         runs = compared_runs(session, run.id, None)
         diff = run_diff(services.context, session, runs, DiffPage(10, None))
     with services.context.database.write() as session:
-        wanted = ExportRequest("yolo", {}, "ada")
-        export = request_export(services.context, session, street.row(session), wanted)
+        request = ExportRequest("yolo", {}, "ada")
+        export = request_export(services.context, session, street.row(session), request)
     street.wait(run.id)
 
     assert (diff.total, diff.kept_to_rejected) == (1, 1)
     with services.context.database.read() as session:
-        found = job_with_id(session, Export, export.id)
-        assert (found.state, found.done, found.total) == ("done", 1, 1)
+        job = job_with_id(session, Export, export.id)
+        assert (job.state, job.done, job.total) == ("done", 1, 1)
 
 
 def test_frame_keys_are_sorted_by_code_point_in_any_locale(tmp_path):

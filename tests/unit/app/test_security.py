@@ -1,7 +1,5 @@
 """Secrets and their hashes, roles, host names, and requests from other pages."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import pytest
@@ -39,7 +37,7 @@ def test_secrets_are_unique_and_have_their_prefix_and_length(kind, prefix):
     secrets = {new_secret(kind) for _ in range(100)}
 
     assert len(secrets) == 100
-    assert all(one.startswith(prefix) and len(one) == 46 for one in secrets)
+    assert all(secret.startswith(prefix) and len(secret) == 46 for secret in secrets)
 
 
 def test_hash_of_a_secret_is_deterministic():

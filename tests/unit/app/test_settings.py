@@ -1,7 +1,5 @@
 """Settings come from UNGHOST_* variables and do not change."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -35,9 +33,9 @@ def test_default_settings_serve_only_this_machine(tmp_path):
 def test_environment_variables_are_parsed(monkeypatch, name, text, field, value):
     monkeypatch.setenv(name, text)
 
-    found = getattr(Settings(), field)
+    setting = getattr(Settings(), field)
 
-    assert found == (value if value is not None else ("a.example", "B.example"))
+    assert setting == (value if value is not None else ("a.example", "B.example"))
 
 
 def test_obsolete_environment_variable_is_ignored(monkeypatch):

@@ -1,7 +1,5 @@
 """Effective verdicts, conflicts and review states are the same in Python and SQL."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

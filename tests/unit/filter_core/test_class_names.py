@@ -1,7 +1,5 @@
 """The names that people give to classes, and what they mean."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.class_names import class_meant_by, misspelt_class

@@ -1,7 +1,5 @@
 """The class of each blueprint, and the tags that count for each class."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -24,7 +22,7 @@ def test_every_accept_set_and_blueprint_class_equals_the_oracle():
     for family, classes in oracle["accept_tags"].items():
         for name, tags in classes.items():
             assert accept_mask_of(name, family) == bits(*tags), (family, name)
-    expected = {one["blueprint"]: one["base_type"] for one in oracle["vehicles"]}
+    expected = {row["blueprint"]: row["base_type"] for row in oracle["vehicles"]}
     assert expected == BLUEPRINT_CLASS
 
 

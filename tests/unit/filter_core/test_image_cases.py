@@ -3,8 +3,6 @@
 It is a street with a visible object N before a hidden one, G, and a free one, F.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +27,7 @@ def test_depth_in_another_unit_is_no_evidence(tmp_path):
     (outcome,) = filter_source([scaled], FilterConfig(evidence="auto"), workers=1)
 
     assert outcome.decisions is not None, outcome.error
-    assert {one["evidence"] for one in outcome.decisions} == {"ordered"}
-    verdicts = {one["id"]: one["verdict"] for one in outcome.decisions}
+    assert {box["evidence"] for box in outcome.decisions} == {"ordered"}
+    verdicts = {box["id"]: box["verdict"] for box in outcome.decisions}
     assert verdicts == {"N": "kept", "G": "rejected", "F": "kept"}
     assert "behind each of the" in outcome.notes[0]

@@ -1,7 +1,5 @@
 """Reading untrusted JSON: bad or oversized text is refused quickly, before parsing."""
 
-from __future__ import annotations
-
 import json
 import time
 import tracemalloc
@@ -18,7 +16,7 @@ LONG_AFTER_TEXTS = "a number of more than 100 characters, at character 214"
 
 
 @pytest.mark.parametrize(
-    ("raw", "found"),
+    ("raw", "words"),
     [
         (b"", "a fault at line 1, column 1: Expecting value"),
         (b'{"a": 1,\n x}', "a fault at line 2, column 2: Expecting property name"),
@@ -42,11 +40,11 @@ LONG_AFTER_TEXTS = "a number of more than 100 characters, at character 214"
         (b'{"a\\"":"' + b"1" * 200 + b'","b":-' + b"1" * 100 + b"}", LONG_AFTER_TEXTS),
     ],
 )
-def test_error_of_invalid_json_says_what_was_found(raw, found):
+def test_error_of_invalid_json_says_what_was_found(raw, words):
     with pytest.raises(JsonError) as refused:
         read_json(raw, SMALL)
 
-    assert refused.value.found.startswith(found)
+    assert refused.value.found.startswith(words)
     assert (
         refused.value.detail == f"expected JSON in UTF-8, found {refused.value.found}"
     )

@@ -1,7 +1,5 @@
 """Filtering many frames locally: order, threads, reading ahead, and faults."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace
@@ -38,15 +36,15 @@ def test_frames_are_filtered_in_order_despite_an_invalid_frame(folder, workers):
     frames, config = read_source(folder), FilterConfig()
     outcomes = list(filter_source(frames, config, workers=workers))
 
-    assert [one.key for one in outcomes] == [f"{number:03}" for number in range(12)]
-    bad = {one.key: one.error["code"] for one in outcomes if one.error}
+    assert [each.key for each in outcomes] == [f"{number:03}" for number in range(12)]
+    bad = {outcome.key: outcome.error["code"] for outcome in outcomes if outcome.error}
     assert bad == {"003": "bad_image"}
-    verdicts = [[box["verdict"] for box in one.decisions or ()] for one in outcomes]
+    verdicts = [[box["verdict"] for box in each.decisions or ()] for each in outcomes]
     assert verdicts[0] == ["kept", "rejected"]
     assert outcomes[0].palette == "carla-0.9.14"
     alone = filter_source(frames, config, workers=2)
-    lines = [json.dumps(one.as_dict(), allow_nan=False) for one in outcomes]
-    assert lines == [json.dumps(one.as_dict()) for one in alone]
+    lines = [json.dumps(outcome.as_dict(), allow_nan=False) for outcome in outcomes]
+    assert lines == [json.dumps(outcome.as_dict()) for outcome in alone]
 
 
 def test_only_a_few_frames_are_read_ahead():
@@ -76,7 +74,7 @@ def test_outcome_error_has_100_annotation_faults_and_counts_the_rest():
 
     assert outcome.error is not None
     assert outcome.error["code"] == "bad_annotation"
-    pointers = [one["pointer"] for one in outcome.error["errors"]]
+    pointers = [error["pointer"] for error in outcome.error["errors"]]
     assert pointers[:2] == ["/boxes/0", "/boxes/1/xyxy"]
     assert (len(pointers), outcome.error["more_errors"]) == (100, 900)
 
@@ -145,6 +143,6 @@ def test_table_exports_get_columns_instead_of_decision_objects(form):
     assert lines.columns is None
     assert table.decisions == ()
     assert table.columns is not None
-    assert list(table.boxes.ids) == [one["id"] for one in lines.decisions]
+    assert list(table.boxes.ids) == [box["id"] for box in lines.decisions]
     assert table.columns.config == lines.decisions[0]["config"]
     assert table.columns.matched_pixels.tolist() == [NOT_MEASURED, NOT_MEASURED]

@@ -1,7 +1,5 @@
 """Evaluating frames locally against a file of truths or against their instances."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -18,10 +16,6 @@ def source(tmp_path):
     return scene_source(tmp_path)
 
 
-def count_kept_ghosts(evaluation):
-    return {name: one.total.kept_hidden for name, one in evaluation.scores.items()}
-
-
 @pytest.mark.parametrize("truth", [None, {"a": {"217": True, "218": False}}])
 def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
     seen: list[tuple[str, ...]] = []
@@ -29,7 +23,9 @@ def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
 
     evaluation, left_out = evaluate_source([source] * 3, task, progress=seen.append)
 
-    assert count_kept_ghosts(evaluation) == {"semantic": 3, "depth": 0}
+    scores = evaluation.scores.items()
+    ghosts = {name: score.total.kept_hidden for name, score in scores}
+    assert ghosts == {"semantic": 3, "depth": 0}
     assert (left_out, seen) == ([], [()] * 3)
 
 
@@ -40,7 +36,7 @@ def test_invalid_frames_and_boxes_without_truth_are_not_evaluated(source):
     evaluation, left_out = evaluate_source([broken, source], task)
 
     assert (evaluation.frames, evaluation.unfiltered.boxes) == (1, 1)
-    problems = [(one.key, one.problem.detail) for one in left_out]
+    problems = [(frame.key, frame.problem.detail) for frame in left_out]
     assert problems == [("b", "b: no labels")]
 
 

@@ -1,7 +1,5 @@
 """`filter_frame`: one frame measured and decided, as users of the library do it."""
 
-from __future__ import annotations
-
 import json
 from xml.etree import ElementTree
 
@@ -88,7 +86,7 @@ def test_decisions_are_computed_lazily_and_json_serialisable():
 
     assert set(vars(result)) - before == {"decisions"}
     assert again == result.decisions
-    reasons = [one["reason"] for one in again]
+    reasons = [box["reason"] for box in again]
     assert reasons == ["visible", "no_visible_pixels", "outside_image"]
     assert (again[2]["xyxy"], again[2]["match_percent"]) == (None, None)
 
@@ -114,14 +112,14 @@ def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
     tags = street_tags()
 
     results = [
-        filter_frame(annotation(CAR, GHOST), given)
-        for given in (png(painted(tags)), png(tags), tags)
+        filter_frame(annotation(CAR, GHOST), segmentation)
+        for segmentation in (png(painted(tags)), png(tags), tags)
     ]
 
     assert results[0].decisions == results[1].decisions == results[2].decisions
     reports = [result.measured.segmentation for result in results]
-    assert [one and one["palette"] for one in reports] == ["carla-0.9.14"] * 3
-    assert [one and one["encoding"] for one in reports] == ["palette", "raw", "raw"]
+    assert [each and each["palette"] for each in reports] == ["carla-0.9.14"] * 3
+    assert [each and each["encoding"] for each in reports] == ["palette", "raw", "raw"]
 
 
 def test_blueprint_is_mapped_to_its_class_and_unknown_one_is_unmapped():
@@ -217,8 +215,8 @@ def test_instances_and_lidar_of_a_changed_carla_have_its_numbers(form, swapped):
 
     def reasons(evidence):
         config = FilterConfig(evidence=evidence, tags=tags_of)
-        found = filter_frame(ANNOTATION, segmentation, config, options)
-        return [one["reason"] for one in found.decisions], found.measured.evidence
+        result = filter_frame(ANNOTATION, segmentation, config, options)
+        return [box["reason"] for box in result.decisions], result.measured.evidence
 
     instances, _ = reasons("instance")
     lidar, evidence = reasons("lidar")

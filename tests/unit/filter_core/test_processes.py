@@ -1,7 +1,5 @@
 """Other Python processes search for modules where the process that starts them does."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -77,16 +75,16 @@ def foreign(tmp_path: Path) -> ForeignFolder:
 def test_started_processes_search_where_their_parent_does_and_nowhere_else(
     foreign, tmp_path, program, words
 ):
-    given = tmp_path / "given"
-    given.mkdir()
-    (given / "printing.py").write_text(PRINTING, "utf-8")
+    modules = tmp_path / "given"
+    modules.mkdir()
+    (modules / "printing.py").write_text(PRINTING, "utf-8")
     script = tmp_path / "bin" / "program.py"
     script.write_text(program, "utf-8")
 
     ended = subprocess.run(
         [sys.executable, str(script), *words],
         cwd=foreign.path,
-        env={"PYTHONPATH": f"{given}:{CHECKOUT}"},
+        env={"PYTHONPATH": f"{modules}:{CHECKOUT}"},
         capture_output=True,
         check=False,
         text=True,

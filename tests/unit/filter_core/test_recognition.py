@@ -1,7 +1,5 @@
 """What the images of a whole recording show about how they are read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -68,7 +66,7 @@ def outcomes_of(shown, frames):
 
 
 def palettes_of(shown, frames):
-    return [one.palette for one in outcomes_of(shown, frames)]
+    return [outcome.palette for outcome in outcomes_of(shown, frames)]
 
 
 def test_one_family_of_tags_is_told_by_all_images_of_a_recording(tmp_path):
@@ -78,7 +76,7 @@ def test_one_family_of_tags_is_told_by_all_images_of_a_recording(tmp_path):
         tagged_frame(tmp_path, "c", "carla-0.9.10", "Sky"),
     ]
     config = FilterConfig()
-    alone = {one.key: one.error for one in filter_source(frames, config)}
+    alone = {outcome.key: outcome.error for outcome in filter_source(frames, config)}
     assert alone["a"]
     assert alone["a"]["code"] == "ambiguous_palette"
 
@@ -89,11 +87,11 @@ def test_one_family_of_tags_is_told_by_all_images_of_a_recording(tmp_path):
     assert shown.notes == (
         "tags of carla-0.9.10: told by 1 of the 3 segmentations that were looked at",
     )
-    assert [one.palette for one in outcomes] == ["carla-0.9.10"] * 3
-    decisions = [one.decisions[0] for one in outcomes if one.decisions]
-    assert [one["verdict"] for one in decisions] == ["kept"] * 3
+    assert [outcome.palette for outcome in outcomes] == ["carla-0.9.10"] * 3
+    decisions = [outcome.decisions[0] for outcome in outcomes if outcome.decisions]
+    assert [box["verdict"] for box in decisions] == ["kept"] * 3
     # The user's configuration stays the one that the decisions name.
-    assert {one["config"] for one in decisions} == {config.digest}
+    assert {box["config"] for box in decisions} == {config.digest}
 
 
 def test_family_that_raw_tags_of_one_frame_prove_is_that_of_all(tmp_path):
@@ -105,7 +103,9 @@ def test_family_that_raw_tags_of_one_frame_prove_is_that_of_all(tmp_path):
     shown = recognise_recording(frames, FilterConfig())
 
     assert shown.keys == {"palette": "carla-0.9.14"}
-    assert [bool(one.error) for one in filter_source(frames, FilterConfig())] == [1, 0]
+    assert [
+        bool(outcome.error) for outcome in filter_source(frames, FilterConfig())
+    ] == [1, 0]
     assert palettes_of(shown, frames) == ["carla-0.9.14"] * 2
 
 

@@ -1,7 +1,5 @@
 """Fixtures: a scripted HTTP server, a client of it, and a port without a server."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

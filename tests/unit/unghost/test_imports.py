@@ -3,8 +3,6 @@
 What importing a client, the library or the command line loads is a pin.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -16,10 +14,10 @@ import unghost.wire
 
 def loaded_modules(statement: str) -> set[str]:
     program = f"import sys; {statement}; print(*sys.modules, sep='\\n')"
-    answer = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
     )
-    return set(answer.stdout.split())
+    return set(process.stdout.split())
 
 
 def test_star_import_has_all_public_names():

@@ -1,7 +1,5 @@
 """Lists of boxes, read page by page, equal filtering and sorting all boxes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product, repeat
@@ -168,24 +166,24 @@ REVIEWS = {
 
 
 def effective(row: Row) -> Verdict:
-    answers = {"keep": Verdict.KEPT, "reject": Verdict.REJECTED}
-    return answers.get(row.review or "", row.reason.verdict)
+    verdict_of = {"keep": Verdict.KEPT, "reject": Verdict.REJECTED}
+    return verdict_of.get(row.review or "", row.reason.verdict)
 
 
-def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:
+def selected(row: Row, chosen: dict[str, Any], thresholds) -> bool:
     """Whether a row passes all filters, each by its definition."""
     match = -1.0 if row.match is None else row.match
     return (
-        (not wanted.get("reasons") or int(row.reason) in wanted["reasons"])
-        and (wanted.get("class_ids") is None or row.class_id in wanted["class_ids"])
-        and ("review" not in wanted or row.review in REVIEWS[wanted["review"]])
-        and ("effective" not in wanted or effective(row) is wanted["effective"])
-        and ("toss_up" not in wanted or row.toss_up is wanted["toss_up"])
-        and ("bin" not in wanted or min(row.doubt, 1) == wanted["bin"])
-        and ("conflict" not in wanted or is_conflict(row) is wanted["conflict"])
-        and ("match_min" not in wanted or match >= wanted["match_min"])
-        and ("match_max" not in wanted or 0 <= match <= wanted["match_max"])
-        and ("margin_max" not in wanted or is_within(row, thresholds, 5.0))
+        (not chosen.get("reasons") or int(row.reason) in chosen["reasons"])
+        and (chosen.get("class_ids") is None or row.class_id in chosen["class_ids"])
+        and ("review" not in chosen or row.review in REVIEWS[chosen["review"]])
+        and ("effective" not in chosen or effective(row) is chosen["effective"])
+        and ("toss_up" not in chosen or row.toss_up is chosen["toss_up"])
+        and ("bin" not in chosen or min(row.doubt, 1) == chosen["bin"])
+        and ("conflict" not in chosen or is_conflict(row) is chosen["conflict"])
+        and ("match_min" not in chosen or match >= chosen["match_min"])
+        and ("match_max" not in chosen or 0 <= match <= chosen["match_max"])
+        and ("margin_max" not in chosen or is_within(row, thresholds, 5.0))
     )
 
 
@@ -254,19 +252,19 @@ def stored_thresholds(thresholds: list[Limits], published: bool):
 
 
 def read_all_pages(
-    session: Session, wanted: BoxFilter, order: str, limits, rare: int = RARE
+    session: Session, chosen: BoxFilter, order: str, limits, rare: int = RARE
 ) -> list[int]:
     tallies = TallyRepository(session).of_dataset(DATASET)
-    found: list[int] = []
+    box_ids: list[int] = []
     cursor: str | None = ""
     sizes = iter(limits)
     while cursor is not None:
-        pages = BoxPages(session, wanted, tallies, rare=rare)
+        pages = BoxPages(session, chosen, tallies, rare=rare)
         limit = next(sizes, 7)
         ids, cursor = pages.page(order, cursor, limit)
         assert len(ids) == limit or cursor is None
-        found += ids
-    return found
+        box_ids += ids
+    return box_ids
 
 
 @pytest.mark.parametrize("published", [False, True], ids=["paper", "carlasimu"])
@@ -274,22 +272,24 @@ def read_all_pages(
     ("order", "rare"), [*((order, RARE) for order in ORDERS), ("doubt", 0)]
 )
 @settings(suppress_health_check=list(HealthCheck))
-@given(data=st.data(), wanted=FILTERS, limits=st.lists(st.integers(1, 9), max_size=5))
+@given(
+    data=st.data(), selection=FILTERS, limits=st.lists(st.integers(1, 9), max_size=5)
+)
 def test_pages_list_all_boxes_of_the_filter_in_order(
-    session, order, rare, published, data, wanted, limits
+    session, order, rare, published, data, selection, limits
 ):
     thresholds = PUBLISHED if published else PAPER
     rows = data.draw(decision_rows(published))
     store_decisions(session, rows)
     limits_of = stored_thresholds(thresholds, published)
-    query = BoxFilter(DATASET, thresholds=limits_of, **wanted)
+    query = BoxFilter(DATASET, thresholds=limits_of, **selection)
 
-    found = read_all_pages(session, query, order, limits, rare)
+    box_ids = read_all_pages(session, query, order, limits, rare)
 
-    expected = [row for row in rows if selected(row, wanted, thresholds)]
-    assert sorted(found) == [row.box_id for row in expected]
+    expected = [row for row in rows if selected(row, selection, thresholds)]
+    assert sorted(box_ids) == [row.box_id for row in expected]
     by_id = {row.box_id: row for row in rows}
-    keys = [key(by_id[box_id], order, thresholds) for box_id in found]
+    keys = [key(by_id[box_id], order, thresholds) for box_id in box_ids]
     assert keys == sorted(keys)
     tallies = TallyRepository(session).of_dataset(DATASET)
     counted = BoxProbes(session).count(query)
@@ -299,7 +299,7 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
 
 
 @pytest.mark.parametrize(
-    ("classes", "order", "wanted"),
+    ("classes", "order", "selection"),
     [
         (40, "doubt", {}),
         (170, "doubt", {"margin_max": 5.0}),
@@ -309,7 +309,7 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
     ],
 )
 def test_dataset_of_many_classes_is_listed_in_the_same_order(
-    session, order, classes, wanted
+    session, order, classes, selection
 ):
     """Even the classes of one tier of the order need more than one statement."""
     thresholds = [PAPER[number % 2] for number in range(classes)]
@@ -325,11 +325,11 @@ def test_dataset_of_many_classes_is_listed_in_the_same_order(
             rows.append(Row(at, class_id, reason, match, crowding, *columns))
     store_decisions(session, rows)
     limits_of = stored_thresholds(thresholds, published=False)
-    query = BoxFilter(DATASET, thresholds=limits_of, **wanted)
+    query = BoxFilter(DATASET, thresholds=limits_of, **selection)
 
-    found = read_all_pages(session, query, order, repeat(400), rare=1)
+    box_ids = read_all_pages(session, query, order, repeat(400), rare=1)
 
-    expected = [row.box_id for row in rows if selected(row, wanted, thresholds)]
-    assert sorted(found) == expected
-    keys = [key(rows[box_id - 1], order, thresholds) for box_id in found]
+    expected = [row.box_id for row in rows if selected(row, selection, thresholds)]
+    assert sorted(box_ids) == expected
+    keys = [key(rows[box_id - 1], order, thresholds) for box_id in box_ids]
     assert keys == sorted(keys)

@@ -1,7 +1,5 @@
 """The stored counts of boxes equal a recount after any sequence of operations."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 from hypothesis import HealthCheck, settings

@@ -1,7 +1,5 @@
 """A multipart form is read completely, however it is cut; a broken one is refused."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import suppress
 from itertools import pairwise
@@ -56,12 +54,12 @@ def error_of_reading(*args, **options):
 
 @given(parts_of_a_form, st.booleans(), st.lists(st.integers(0, 300)))
 def test_form_is_read_the_same_for_any_split_into_pieces(parts, is_file, cuts):
-    assume(not any(b"\r\n--" + BOUNDARY in b"\r\n" + one.content for one in parts))
+    assume(not any(b"\r\n--" + BOUNDARY in b"\r\n" + part.content for part in parts))
     body = form(parts, is_file=is_file)
 
-    found = read(body, cuts=[cut for cut in cuts if cut < len(body)])
+    contents = read(body, cuts=[cut for cut in cuts if cut < len(body)])
 
-    assert found == parts
+    assert contents == parts
 
 
 @given(parts_of_a_form, st.data())

@@ -1,7 +1,5 @@
 """A batch stores and decides the same as single uploads of its frames."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from contextlib import suppress
@@ -85,18 +83,18 @@ def expected_status(frame):
 def without_ids(value):
     if isinstance(value, dict):
         return {k: without_ids(v) for k, v in value.items() if k not in DIFFERING_KEYS}
-    return [without_ids(one) for one in value] if isinstance(value, list) else value
+    return [without_ids(item) for item in value] if isinstance(value, list) else value
 
 
 def described_frames(street):
-    found = {}
+    frames = {}
     with street.context.database.read() as session:
         for key in "abcd":
             with suppress(NotFound):
                 frame_id = described.frame_id_of(session, street.name, key)
                 frame = described.describe_frame(session, frame_id)
-                found[key] = without_ids(frame)
-    return found
+                frames[key] = without_ids(frame)
+    return frames
 
 
 @given(frames=uploads, replace=st.booleans())

@@ -1,7 +1,5 @@
 """The results of a run are right if its chunks are reordered, repeated or lost."""
 
-from __future__ import annotations
-
 import random
 import threading
 from concurrent.futures import Future

@@ -1,7 +1,5 @@
 """Evidence, histograms and geometry are unchanged after packing into bytes."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np
@@ -89,7 +87,7 @@ def test_channel_numbers_round_trip_and_are_missing_for_other_frames(frames):
     if back is None:
         assert not any(packed)
         return
-    parts = [ChannelNumbers.absent(2) if one is None else one for one in frames]
+    parts = [ChannelNumbers.absent(2) if frame is None else frame for frame in frames]
     for spec in fields(ChannelNumbers):
         column = getattr(back, spec.name)
         expected = np.concatenate([getattr(part, spec.name) for part in parts])
@@ -126,7 +124,7 @@ def test_old_records_are_read_after_a_column_was_added(frames, newer_from):
 @pytest.mark.parametrize("length", [0, 1, 91, 93, 184])
 def test_record_of_unknown_length_raises_value_error(length):
     columns = {"xyxy": NumberColumn("", "px", "f8", np.nan, width=4)}
-    columns |= {f"count_{one}": NumberColumn("", "px", "i8", -1) for one in range(7)}
+    columns |= {f"count_{n}": NumberColumn("", "px", "i8", -1) for n in range(7)}
     layout = RecordLayout(columns | {"last": NumberColumn("", "px", "i4", -1)})
 
     with pytest.raises(ValueError, match=f"92 bytes for 1 boxes, found {length} bytes"):

@@ -1,7 +1,5 @@
 """The review queue and its counts equal sorting and counting all boxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -62,23 +60,23 @@ def street(services):
 
 
 def slow_queue_order(
-    session, street, wanted: BoxFilter, order: QueueOrder
+    session, street, box_filter: BoxFilter, order: QueueOrder
 ) -> list[int]:
     """The ids of all boxes of the filter, in the order of the queue."""
     if order.name in ("random", "audit"):
         ids = street.box_ids()
         shuffle = Shuffle(ids[0], ids[-1], order.seed, order.half_bits)
-        chosen = BoxProbes(session).every(wanted)
+        chosen = BoxProbes(session).every(box_filter)
         in_order = np.argsort(shuffle.places_of(chosen))
         return [int(box_id) for box_id in chosen[in_order]]
-    sort = "id" if wanted.review == "unsure" else "doubt"
+    sort = "id" if box_filter.review == "unsure" else "doubt"
     tallies = TallyRepository(session).of_dataset(street.id)
-    listed, _ = BoxPages(session, wanted, tallies).page(sort, "", 1000)
+    listed, _ = BoxPages(session, box_filter, tallies).page(sort, "", 1000)
     if order.name == "doubt":
         return listed
     rows = session.execute(select(Decision.box_id, Decision.class_id))
     class_of = {row[0]: row[1] for row in rows}
-    place = [each.class_id for each in wanted.thresholds]
+    place = [each.class_id for each in box_filter.thresholds]
     return sorted(listed, key=lambda box_id: place.index(class_of[box_id]))
 
 
@@ -96,16 +94,16 @@ def test_queue_is_all_boxes_sorted_without_blocked_ones(
 ):
     ids = street.box_ids()
     with street.context.database.read() as session:
-        wanted = to_filter(session, street.row(session), chosen)
+        box_filter = to_filter(session, street.row(session), chosen)
         tallies = TallyRepository(session).of_dataset(street.id)
-        expected = count_in_tallies(tallies, wanted)
+        expected = count_in_tallies(tallies, box_filter)
         blocked_ids = {ids[n] for n in blocked}
         order = QueueOrder(name, seed, limit, blocked_ids, expected, half_bits)
-        found = boxes_in_order(session, wanted, tallies, order)
-        slow = slow_queue_order(session, street, wanted, order)
+        queue = boxes_in_order(session, box_filter, tallies, order)
+        slow = slow_queue_order(session, street, box_filter, order)
 
     free = [box_id for box_id in slow if box_id not in order.blocked]
-    assert found == free[:limit]
+    assert queue == free[:limit]
 
 
 @settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck))
@@ -113,14 +111,14 @@ def test_queue_is_all_boxes_sorted_without_blocked_ones(
 def test_box_counts_equal_counting_every_box(street, chosen):
     with street.context.database.read() as session:
         dataset = street.row(session)
-        wanted = to_filter(session, dataset, chosen)
+        box_filter = to_filter(session, dataset, chosen)
 
-        found = count_boxes(street.context, session, dataset, wanted)
+        count = count_boxes(street.context, session, dataset, box_filter)
 
-        assert found == BoxProbes(session).count(wanted)
-        assert found == len(BoxProbes(session).every(wanted))
-        assert found <= count_in_tallies(
-            TallyRepository(session).of_dataset(street.id), wanted
+        assert count == BoxProbes(session).count(box_filter)
+        assert count == len(BoxProbes(session).every(box_filter))
+        assert count <= count_in_tallies(
+            TallyRepository(session).of_dataset(street.id), box_filter
         )
 
 
@@ -136,12 +134,12 @@ def test_counts_of_a_match_range_follow_new_frames_and_reviews(services):
             street.review(street.box_ids()[len(BOXES) * number + answered], "keep")
             with street.context.database.read() as session:
                 dataset = street.row(session)
-                wanted = to_filter(session, dataset, selection)
-                found = count_boxes(street.context, session, dataset, wanted)
-                counts.append((found, BoxProbes(session).count(wanted)))
+                box_filter = to_filter(session, dataset, selection)
+                count = count_boxes(street.context, session, dataset, box_filter)
+                counts.append((count, BoxProbes(session).count(box_filter)))
 
-    assert all(found == counted for found, counted in counts)
-    assert len({found for found, _ in counts}) > 2
+    assert all(count == counted for count, counted in counts)
+    assert len({count for count, _ in counts}) > 2
 
 
 @settings(max_examples=EXAMPLES)
@@ -189,6 +187,6 @@ def test_first_slice_of_a_shuffle_is_evenly_distributed():
 
 def test_different_seeds_give_different_orders():
     ids = np.arange(1000)
-    one, other = (np.argsort(Shuffle(0, 999, seed).places_of(ids)) for seed in "12")
+    first, other = (np.argsort(Shuffle(0, 999, seed).places_of(ids)) for seed in "12")
 
-    assert np.mean(one == other) < 0.02
+    assert np.mean(first == other) < 0.02

@@ -1,7 +1,5 @@
 """A preview returns the counts and changes that a run with the same config then has."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from hypothesis import HealthCheck, given, settings

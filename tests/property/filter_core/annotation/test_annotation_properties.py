@@ -1,7 +1,5 @@
 """Any JSON is read as an annotation, or refused with place and cause of each error."""
 
-from __future__ import annotations
-
 import copy
 import json
 

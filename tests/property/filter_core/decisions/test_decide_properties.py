@@ -1,7 +1,5 @@
 """`decide` equals a slow, simple definition, for any order and number of boxes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 
@@ -162,7 +160,10 @@ def test_decide_equals_the_slow_definition(given_boxes, config):
         reason, threshold = slow(box, config)
         assert decisions.reason[index] == reason
         if threshold is None:
-            assert np.isnan(decisions.threshold[index])
+            compared = decisions.threshold[index], decisions.margin[index]
+            assert np.isnan(compared).all()
+            assert not decisions.toss_up[index]
+            assert not decisions.large[index]
             continue
         assert decisions.threshold[index] == threshold
         assert decisions.margin[index] == box["match_percent"] - threshold
@@ -192,7 +193,7 @@ def test_many_boxes_in_blocks_are_decided_the_same_as_few(config):
         },
     )
 
-    one, all_of_them = decide(few, config), decide(many, config)
+    alone, all_of_them = decide(few, config), decide(many, config)
 
-    np.testing.assert_array_equal(all_of_them.reason, one.reason[rows])
-    np.testing.assert_array_equal(all_of_them.margin, one.margin[rows])
+    np.testing.assert_array_equal(all_of_them.reason, alone.reason[rows])
+    np.testing.assert_array_equal(all_of_them.margin, alone.margin[rows])

@@ -1,7 +1,5 @@
 """The evidence channels equal slow definitions on random scenes."""
 
-from __future__ import annotations
-
 from itertools import permutations
 from typing import Any
 
@@ -80,9 +78,9 @@ def patches(pixels):
     """Split pixels into connected sets; pixels with a common corner are connected."""
     left = set(pixels)
     while left:
-        found, edge = set(), {left.pop()}
+        island, edge = set(), {left.pop()}
         while edge:
-            found |= edge
+            island |= edge
             near = {
                 (x + dx, y + dy)
                 for x, y in edge
@@ -91,7 +89,7 @@ def patches(pixels):
             }
             edge = near & left
             left -= edge
-        yield found
+        yield island
 
 
 def slow_islands(box, behind):
@@ -167,10 +165,10 @@ def test_islands_equal_the_slow_definition(scattered, width, height):
     outline = Silhouette(1, 12 - width, 0, 12, height)
     behind = [AcceptedPixels(outline, part, part)]
 
-    found = islands(whole, behind, silhouette_bounds(behind))
+    pixels = islands(whole, behind, silhouette_bounds(behind))
 
     expected = set().union(*slow_islands(whole, behind)) if scattered.any() else set()
-    assert (set() if found is None else in_image(whole, found)) == expected
+    assert (set() if pixels is None else in_image(whole, pixels)) == expected
 
 
 angles = st.floats(-180, 180)
@@ -237,9 +235,9 @@ def test_touched_pixels_of_several_shapes_equal_those_of_each_shape(shapes):
 
     together = touched_pixels(points, np.array(bounds))
 
-    for one, part, mask in zip(points, bounds, together, strict=True):
+    for piece, part, mask in zip(points, bounds, together, strict=True):
         x0, y0, x1, y1 = part
-        (whole,) = touched_pixels([one], np.array([[0, 0, *WH]]))
+        (whole,) = touched_pixels([piece], np.array([[0, 0, *WH]]))
         assert mask.tolist() == whole[y0:y1, x0:x1].tolist()
 
 

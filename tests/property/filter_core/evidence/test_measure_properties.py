@@ -59,17 +59,17 @@ def test_measured_pixel_counts_equal_the_slow_definition(picture, boxes, names, 
     given_boxes = frame_boxes(picture, boxes, names)
     before = picture.copy(), given_boxes.xyxy.copy(), np.copy(ignore)
 
-    found = measure(segmentation_from_tags(picture, FAMILY), given_boxes, ignore=ignore)
+    rows = measure(segmentation_from_tags(picture, FAMILY), given_boxes, ignore=ignore)
 
     for now, then in zip((picture, given_boxes.xyxy, ignore), before, strict=True):
         np.testing.assert_array_equal(now, then)
     tags = np.where(picture < 30, picture, 255)
-    assert found.tag_counts is not None
+    assert rows.tag_counts is not None
     for index, box in enumerate(given_boxes.xyxy):
         mask = int(given_boxes.accept_mask[index])
         expected = slow_counts(tags, box, mask, ignore)
-        counted = found.box_pixels[index], found.matched_pixels[index]
-        assert (*counted, found.tag_counts[index].tolist()) == expected
+        counted = rows.box_pixels[index], rows.matched_pixels[index]
+        assert (*counted, rows.tag_counts[index].tolist()) == expected
 
 
 @given(pictures(), BOXES, names_of_classes, st.data())

@@ -1,7 +1,5 @@
 """The truncation in KITTI labels equals the share of a box outside the image."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,19 +30,19 @@ def share_outside_image(xyxy):
     return 1 - max(width, 0) * max(height, 0) / whole
 
 
-@given(given=st.lists(rectangles(), max_size=6))
-def test_kitti_truncation_is_the_share_of_the_given_box_outside_the_image(given):
-    corrected, _ = correct_xyxy(np.array(given, float).reshape(-1, 4), WH)
+@given(rows=st.lists(rectangles(), max_size=6))
+def test_kitti_truncation_is_the_share_of_the_given_box_outside_the_image(rows):
+    corrected, _ = correct_xyxy(np.array(rows, float).reshape(-1, 4), WH)
     visible = [
         (index, xyxy)
         for index, xyxy in enumerate(corrected.tolist())
         if min(xyxy[2] - xyxy[0], xyxy[3] - xyxy[1]) >= 0.01
     ]
-    boxes = [box(at, xyxy, given={"xyxy": given[at]}) for at, xyxy in visible]
+    boxes = [box(at, xyxy, given={"xyxy": rows[at]}) for at, xyxy in visible]
 
     files = export("kitti", [frame("a", *boxes, wh=WH)], split=1.0, images="none")
 
     lines = files["training/label_2/000000.txt"].decode().splitlines()
     told = [float(line.split()[1]) for line in lines]
-    expected = [share_outside_image(given[at]) for at, _ in visible]
+    expected = [share_outside_image(rows[at]) for at, _ in visible]
     np.testing.assert_allclose(told, expected, atol=1e-4)

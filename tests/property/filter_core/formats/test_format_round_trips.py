@@ -1,7 +1,5 @@
 """Exported labels that are read again are equal, within the format's precision."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 
@@ -100,13 +98,13 @@ def bands_option(name):
 
 def read_labels(folder):
     """The classes and rectangles that are read from a folder, by frame key."""
-    found = {}
-    for one in read_source(folder):
-        assert one.problem is None, one.problem
-        parsed = parse_annotation(one.annotation or {})
+    labels = {}
+    for source in read_source(folder):
+        assert source.problem is None, source.problem
+        parsed = parse_annotation(source.annotation or {})
         names = [each.class_name for each in parsed.boxes]
-        found[one.key] = names, frame_boxes_2d(parsed, WH).xyxy
-    return found
+        labels[source.key] = names, frame_boxes_2d(parsed, WH).xyxy
+    return labels
 
 
 def as_lists(labels):
@@ -124,16 +122,16 @@ SLOW = settings(
 @given(drawn=FRAMES)
 def test_exported_labels_round_trip_within_the_format_precision(name, drawn):
     with tempfile.TemporaryDirectory() as folder:
-        found = read_labels(
+        labels = read_labels(
             write_exported_files(Path(folder), export(name, frames_of(drawn)))
         )
 
-    assert set(found) == set(drawn)
+    assert set(labels) == set(drawn)
     for key, boxes in drawn.items():
-        names, rectangles = found[key]
+        names, rectangles = labels[key]
         word = {"kitti": "traffic_light", "carlasimu": "street_light"}.get(name)
         words = {"traffic light": word} if word else {}
-        assert names == [words.get(one, one) for one, _ in boxes]
+        assert names == [words.get(word, word) for word, _ in boxes]
         given_xyxy = np.array([xyxy for _, xyxy in boxes], float).reshape(-1, 4)
         if name not in UNCHANGED:
             given_xyxy = np.clip(given_xyxy, 0, [*WH, *WH])
@@ -160,9 +158,9 @@ def check_pixels_after_reading_again(name, rectangles):
     boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
     with tempfile.TemporaryDirectory() as folder:
         source = write_exported_files(Path(folder), export(name, [frame("a", *boxes)]))
-        ((_, found),) = read_labels(source).values()
+        ((_, read),) = read_labels(source).values()
 
-    assert pixels(found) == pixels(rectangles)
+    assert pixels(read) == pixels(rectangles)
 
 
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
@@ -185,9 +183,9 @@ def test_other_rectangles_have_the_same_pixels_where_nine_decimals_are_written(
     boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
     with tempfile.TemporaryDirectory() as folder:
         source = write_exported_files(Path(folder), export(name, [frame("a", *boxes)]))
-        ((_, found),) = read_labels(source).values()
+        ((_, read),) = read_labels(source).values()
 
-    assert pixels(found) == pixels(rectangles)
+    assert pixels(read) == pixels(rectangles)
 
 
 @given(

@@ -4,8 +4,6 @@ Hostile recordings are drawn as pieces of files, so that what must be left is kn
 without reading them.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile
@@ -90,7 +88,7 @@ class Recording:
 
     def add(self, name, *pieces):
         """Add a file; of its pieces, pairs are text and whether it is a ghost."""
-        pairs = [one if isinstance(one, tuple) else (one, False) for one in pieces]
+        pairs = [line if isinstance(line, tuple) else (line, False) for line in pieces]
         self.files[name] = b"".join(piece for piece, _ in pairs)
         self.left[name] = b"".join(piece for piece, is_ghost in pairs if not is_ghost)
 
@@ -147,7 +145,7 @@ def yolo(draw):
         lines = draw(lines_of(kinds, yolo_line))
         recording.add(f"labels/{part}/{name}.txt", *lines)
         if draw(st.booleans()):  # of a distance band
-            near = [one for number, one in enumerate(lines) if number % 2 == 0]
+            near = [line for number, line in enumerate(lines) if number % 2 == 0]
             recording.add(f"label50/{part}/{name}.txt", *near)
     return recording
 
@@ -278,8 +276,8 @@ def coco(draw):
         return f"{mark}{{{body}}}{end}".encode()
 
     name = "annotations/instances_train.json"
-    recording.files[name] = text([one for one, _ in pieces])
-    recording.left[name] = text([one for one, is_ghost in pieces if not is_ghost])
+    recording.files[name] = text([line for line, _ in pieces])
+    recording.left[name] = text([line for line, is_ghost in pieces if not is_ghost])
     return recording
 
 
@@ -344,7 +342,7 @@ def test_a_recording_in_its_own_format_loses_rejected_boxes_and_nothing_else(
             copy = RecordingCopy(source, box_spans)
             for frame, outcome in outcomes(frames, config):
                 assert outcome.error is None, outcome.error
-                verdicts = [one["verdict"] for one in outcome.decisions or ()]
+                verdicts = [box["verdict"] for box in outcome.decisions or ()]
                 copy.add(frame, np.flatnonzero(np.array(verdicts) == "rejected"))
             Path(name, target).mkdir()
             copy.write(Path(name, target))
@@ -364,18 +362,18 @@ def through_the_server(
     client: Client, source: Path, layout: ExportFormat
 ) -> dict[str, bytes]:
     """The files of an export in the format in which a recording was pushed."""
-    found = read_source(source, layout, recognise=False)
+    frames = read_source(source, layout, recognise=False)
     name = f"same-{uuid4().hex}"
     client.create_dataset(
         name, classes=list(CLASSES), palette="carla-0.9.14", config={"profile": "paper"}
     )
-    outcomes = list(client.push(name, outgoing(found)))
-    assert [one.word for one in outcomes] == ["stored"] * len(outcomes)
+    outcomes = list(client.push(name, outgoing(frames)))
+    assert [outcome.word for outcome in outcomes] == ["stored"] * len(outcomes)
     # Parts are folders of some formats, and here of none.
     export = client.start_export(name, layout, split=[1])
     archive = client.download(client.wait_for_export(export), source / "export.zip")
     with zipfile.ZipFile(archive) as packed:
-        return {one: packed.read(one) for one in packed.namelist()}
+        return {name: packed.read(name) for name in packed.namelist()}
 
 
 @pytest.mark.parametrize("layout", ["yolo", "kitti", "voc"])
@@ -389,19 +387,19 @@ def test_a_server_gives_label_files_back_without_rejected_boxes(layout, data, cl
         frames = list(read_source(source, layout, recognise=False))
 
     key_lines = map(json.loads, files["frames.jsonl"].splitlines())
-    image_of = {one["key"]: Path(one["file"]) for one in key_lines}
-    assert image_of.keys() == {one.key for one in frames}
-    for one in frames:
-        assert one.origin is not None
-        own = one.origin.file.relative_to(source)
-        labels = image_of[one.key].with_suffix(own.suffix).as_posix()
+    image_of = {row["key"]: Path(row["file"]) for row in key_lines}
+    assert image_of.keys() == {frame.key for frame in frames}
+    for frame in frames:
+        assert frame.origin is not None
+        own = frame.origin.file.relative_to(source)
+        labels = image_of[frame.key].with_suffix(own.suffix).as_posix()
         written = files[labels.replace(*FOLDERS[layout], 1)]
         left = recording.left[own.as_posix()]
         if b"ISO-8859-1" in left and "ü".encode("latin-1") in left:
             # No text that JSON could carry: it is composed.
             assert written.count(b"<object>") == len(re.findall(b"<bndbox>", left))
         else:
-            image = b"<filename>%s</filename>" % image_of[one.key].name.encode()
+            image = b"<filename>%s</filename>" % image_of[frame.key].name.encode()
             assert written == re.sub(b"<filename>.*?</filename>", image, left)
 
 
@@ -422,16 +420,16 @@ def test_a_server_gives_a_coco_file_back_without_rejected_boxes(data, client):
 
     file = "annotations/instances_train.json"
     expected = json.loads(recording.left[file].decode("utf-8-sig"))
-    found = json.loads(files[file])
-    for image in found["images"]:
+    written = json.loads(files[file])
+    for image in written["images"]:
         image["file_name"] = unquote(image["file_name"])
         assert image.pop("key") == image["file_name"].rpartition(".")[0]
     for list_name in ("images", "annotations", "categories"):
-        for document in (expected, found):
+        for document in (expected, written):
             document[list_name].sort(key=itemgetter("id"))
-    assert found == expected
+    assert written == expected
 
 
 def test_every_format_that_can_be_written_as_it_came_is_drawn():
-    able = {name for name, one in FORMATS.items() if one.box_spans}
+    able = {name for name, form in FORMATS.items() if form.box_spans}
     assert able - {"carlasimu", "pairs"} == set(RECORDINGS)

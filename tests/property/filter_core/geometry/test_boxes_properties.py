@@ -1,7 +1,5 @@
 """Rectangles are corrected and converted as slow definitions say; inputs are kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -62,10 +60,10 @@ def test_pixel_bounds_are_the_pixels_that_the_box_touches(given_boxes):
 
     bounds = pixel_bounds(kept, WH)
 
-    for (x0, y0, x1, y1), found in zip(kept, bounds.tolist(), strict=True):
+    for (x0, y0, x1, y1), bound in zip(kept, bounds.tolist(), strict=True):
         columns = [j for j in range(WH[0]) if j < x1 and j + 1 > x0]
         lines = [i for i in range(WH[1]) if i < y1 and i + 1 > y0]
-        assert found == [columns[0], lines[0], columns[-1] + 1, lines[-1] + 1]
+        assert bound == [columns[0], lines[0], columns[-1] + 1, lines[-1] + 1]
 
 
 def from_xyxy(form, xyxy):

@@ -1,7 +1,5 @@
 """Projected rectangles equal clipping the six faces of a box at five planes."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -65,12 +63,12 @@ ALL_PLANES = list(zip(PLANES, OFFSETS, strict=True))
 @given(vertices=solids)
 def test_projected_rectangles_equal_polygon_clipping(vertices):
     """If the camera is inside a box, the faces alone still cover all of the image."""
-    found = project_boxes(vertices, CAMERA)
+    boxes = project_boxes(vertices, CAMERA)
 
     amodal = slow_bounds(vertices, [ALL_PLANES[-1]])
     visible = slow_bounds(vertices, ALL_PLANES)
 
-    for row, slow in ((found.amodal_xyxy[0], amodal), (found.visible_xyxy[0], visible)):
+    for row, slow in ((boxes.amodal_xyxy[0], amodal), (boxes.visible_xyxy[0], visible)):
         if slow is None or np.isnan(row).any():
             # They may differ only if a box touches the image in a line or a point.
             assert np.isnan(row).any() == (slow is None) or is_thin(row, slow)
@@ -104,23 +102,23 @@ def test_projecting_a_frame_equals_projecting_each_box_alone(solid):
     many = project_boxes(vertices, CAMERA)
 
     alone = [project_boxes(corners, CAMERA) for corners in vertices]
-    for row, one in enumerate(alone):
+    for row, projected in enumerate(alone):
         # Sums over one box and over many may be rounded differently.
-        expected = one.visible_xyxy[0]
+        expected = projected.visible_xyxy[0]
         np.testing.assert_allclose(many.visible_xyxy[row], expected, atol=1e-6)
-        assert many.status[row] == one.status[0]
+        assert many.status[row] == projected.status[0]
     np.testing.assert_array_equal(vertices, before)
 
 
 @given(vertices=solids, order=st.permutations(range(8)))
 def test_projection_does_not_depend_on_the_order_of_corners(vertices, order):
-    found = project_boxes(vertices, CAMERA)
+    boxes = project_boxes(vertices, CAMERA)
     shuffled = project_boxes(vertices[order], CAMERA)
 
     for name in ("visible_xyxy", "amodal_xyxy", "distance", "status"):
-        expected = getattr(found, name)
+        expected = getattr(boxes, name)
         np.testing.assert_allclose(getattr(shuffled, name), expected, rtol=1e-9)
-    if found.status[0] != DepthStatus.BEHIND and np.isfinite(found.visible_xyxy).all():
-        ends = found.edges[0].reshape(-1, 2)
-        assert (ends >= found.visible_xyxy[0, :2] - 1e-6).all()
-        assert (ends <= found.visible_xyxy[0, 2:] + 1e-6).all()
+    if boxes.status[0] != DepthStatus.BEHIND and np.isfinite(boxes.visible_xyxy).all():
+        ends = boxes.edges[0].reshape(-1, 2)
+        assert (ends >= boxes.visible_xyxy[0, :2] - 1e-6).all()
+        assert (ends <= boxes.visible_xyxy[0, 2:] + 1e-6).all()

@@ -1,7 +1,5 @@
 """The cache of callers keeps each for one second, and none after a revocation."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

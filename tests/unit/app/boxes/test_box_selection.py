@@ -1,7 +1,5 @@
 """`to_filter` turns the selection of a request into a filter for the database."""
 
-from __future__ import annotations
-
 import pytest
 
 from app.boxes.filter import filters_of, to_filter
@@ -15,9 +13,9 @@ def street(services):
     return services.dataset()
 
 
-def filter_for(street, **wanted):
+def filter_for(street, **selection):
     with street.context.database.read() as session:
-        return to_filter(session, street.row(session), BoxSelection(**wanted))
+        return to_filter(session, street.row(session), BoxSelection(**selection))
 
 
 def test_empty_selection_selects_all_boxes(street):
@@ -27,7 +25,7 @@ def test_empty_selection_selects_all_boxes(street):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "reasons"),
+    ("selection", "reasons"),
     [
         ({"verdict": "kept"}, (Reason.VISIBLE,)),
         (
@@ -48,20 +46,22 @@ def test_empty_selection_selects_all_boxes(street):
         ({"verdict": "kept", "reason": "degenerate"}, (0,)),
     ],
 )
-def test_verdict_and_reason_are_combined_into_a_set_of_reasons(street, wanted, reasons):
-    assert filter_for(street, **wanted).reasons == tuple(map(int, reasons))
+def test_verdict_and_reason_are_combined_into_a_set_of_reasons(
+    street, selection, reasons
+):
+    assert filter_for(street, **selection).reasons == tuple(map(int, reasons))
 
 
 @pytest.mark.parametrize(
-    ("wanted", "code"),
+    ("selection", "code"),
     [({"reason": "magic"}, "unknown_reason"), ({"review": "maybe"}, "unknown_review")],
 )
-def test_unknown_reason_or_review_is_refused_by_name(street, wanted, code):
+def test_unknown_reason_or_review_is_refused_by_name(street, selection, code):
     with pytest.raises(BadRequest) as refused:
-        filter_for(street, **wanted)
+        filter_for(street, **selection)
 
     assert refused.value.kind == code
-    assert next(iter(wanted.values())) in refused.value.detail
+    assert next(iter(selection.values())) in refused.value.detail
 
 
 def test_thresholds_are_those_of_the_active_config(services):
@@ -74,11 +74,11 @@ def test_thresholds_are_those_of_the_active_config(services):
         }
     )
 
-    found = filter_for(street).thresholds
+    thresholds = filter_for(street).thresholds
 
     sides = [
         {(side.reason, side.large): side.threshold for side in each.sides}
-        for each in found[:2]
+        for each in thresholds[:2]
     ]
     passed = [(of[Reason.VISIBLE, False], of[Reason.VISIBLE, True]) for of in sides]
     assert passed == [(60.0, 60.0), (2.0, 50.0)]

@@ -3,8 +3,6 @@
 Each statement is run with EXPLAIN ANALYZE, which reports how many rows were read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -59,8 +57,8 @@ def context(tmp_path_factory) -> Iterator[ServiceContext]:
     ):
         sizes = (FEW_FRAMES, 1), (FRAMES, BOXES_PER_FRAME), (FEW_FRAMES, 1)
         for name, size in zip(("older", NAME, "newer"), sizes, strict=True):
-            wanted = DatasetSpec(name, *size)
-            make_dataset(services.context, wanted, lambda _boxes: None)
+            spec = DatasetSpec(name, *size)
+            make_dataset(services.context, spec, lambda _boxes: None)
         with services.context.database.write() as session:
             session.connection().exec_driver_sql("ANALYZE")
         yield services.context
@@ -79,13 +77,13 @@ def dataset_row(session) -> Dataset:
 
 def plans_of(session: Session, read: Callable[[], object]) -> list[tuple[str, Any]]:
     """The statements that `read` runs, each with the plan that PostgreSQL followed."""
-    with statements_of(session.connection()) as found:
+    with statements_of(session.connection()) as statements:
         read()
-    asked = "EXPLAIN (ANALYZE, FORMAT JSON) "
+    verb = "EXPLAIN (ANALYZE, FORMAT JSON) "
     connection = session.connection()
     return [
-        (statement, connection.exec_driver_sql(asked + statement, parameters).scalar())
-        for statement, parameters in found
+        (statement, connection.exec_driver_sql(verb + statement, parameters).scalar())
+        for statement, parameters in statements
         if statement.lstrip().upper().startswith(("SELECT", "WITH"))
     ]
 
@@ -110,18 +108,18 @@ def scans_of_plan(plan: Any) -> Iterator[tuple[int, str, str]]:
     """Rows, index and condition of each scan, for the message of a failed check."""
     for node in plan_nodes(plan):
         if "Scan" in node["Node Type"]:
-            found = rows_read({**node, "Plans": []})
+            rows = rows_read({**node, "Plans": []})
             condition = f"{node.get('Index Cond')} / {node.get('Filter')}"
-            yield found, str(node.get("Index Name", node["Node Type"])), condition
+            yield rows, str(node.get("Index Name", node["Node Type"])), condition
 
 
 def check(session: Session, read: Callable[[], object], most: int = MOST_ROWS) -> None:
     """Check that `read` runs statements, and that none reads more than `most` rows."""
-    found = plans_of(session, read)
-    assert found
-    for statement, ((answer,)) in found:
-        looked_at = rows_read(answer["Plan"])
-        plan = sorted(scans_of_plan(answer["Plan"]), key=lambda scan: -scan[0])[:3]
+    plans = plans_of(session, read)
+    assert plans
+    for statement, ((explained,)) in plans:
+        looked_at = rows_read(explained["Plan"])
+        plan = sorted(scans_of_plan(explained["Plan"]), key=lambda scan: -scan[0])[:3]
         assert looked_at <= most, f"{looked_at} rows: {statement[:200]}\n{plan}"
 
 
@@ -150,9 +148,9 @@ PAGES = [
 ]
 
 
-@pytest.mark.parametrize(("wanted", "order"), PAGES)
-def test_page_of_boxes_reads_few_rows(session, dataset_row, wanted, order):
-    chosen = to_filter(session, dataset_row, SELECTIONS[wanted])
+@pytest.mark.parametrize(("name", "order"), PAGES)
+def test_page_of_boxes_reads_few_rows(session, dataset_row, name, order):
+    chosen = to_filter(session, dataset_row, SELECTIONS[name])
     pages = BoxPages(
         session, chosen, TallyRepository(session).of_dataset(dataset_row.id)
     )
@@ -165,16 +163,16 @@ def test_page_of_boxes_reads_few_rows(session, dataset_row, wanted, order):
 
 @pytest.mark.parametrize("order", ["doubt", "random", "class"])
 def test_queue_reads_few_rows(context, session, dataset_row, order):
-    wanted = QueueRequest("ada", order, BoxSelection(), PAGE, (), None)
-    queue = remaining_boxes(context, NAME, wanted)
+    request = QueueRequest("ada", order, BoxSelection(), PAGE, (), None)
+    queue = remaining_boxes(context, NAME, request)
 
     with context.database.write() as writing:
-        found = next_boxes(writing, dataset_row, wanted, queue)
-        check(writing, lambda: next_boxes(writing, dataset_row, wanted, queue))
+        batch = next_boxes(writing, dataset_row, request, queue)
+        check(writing, lambda: next_boxes(writing, dataset_row, request, queue))
 
     boxes = count(TallyRepository(session).of_dataset(dataset_row.id))
     expected = BOXES if order == "random" else boxes.bins["ask"]
-    assert (len(found["items"]), found["remaining"]) == (PAGE, expected)
+    assert (len(batch["items"]), batch["remaining"]) == (PAGE, expected)
 
 
 def test_storing_a_review_reads_no_other_reviews(context, session, dataset_row):
@@ -183,13 +181,13 @@ def test_storing_a_review_reads_no_other_reviews(context, session, dataset_row):
     (frame,) = frames.page(FrameFilter(dataset_row.id), PageRequest("key", None, 0))
     ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 10))
     many = BulkIn(dataset=NAME, verdict="keep", box_ids=ids)
-    one = ReviewIn(verdict="keep", seen_revision=0)
+    keep = ReviewIn(verdict="keep", seen_revision=0)
 
     with context.database.write() as writing:
         audit = AuditTrail(writing, ADA)
         assert review_many(context, audit, many, ADA).count == len(ids)
         check(
-            writing, lambda: review_box(audit, ids[-1] + 1, one, ADA, most=9), most=50
+            writing, lambda: review_box(audit, ids[-1] + 1, keep, ADA, most=9), most=50
         )
         writing.rollback()
 

@@ -1,7 +1,5 @@
 """SQLite reads each page of boxes or frames through an index and does not sort it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -42,9 +40,9 @@ def session(street) -> Iterator[Session]:
         yield session
 
 
-def plan_of(session: Session, street, wanted: BoxSelection, order: str) -> list[str]:
+def plan_of(session: Session, street, selection: BoxSelection, order: str) -> list[str]:
     """The steps of SQLite's query plans for the first page of a list."""
-    chosen = to_filter(session, street.row(session), wanted)
+    chosen = to_filter(session, street.row(session), selection)
     tallies = TallyRepository(session).of_dataset(street.id)
 
     def read() -> None:
@@ -56,9 +54,9 @@ def plan_of(session: Session, street, wanted: BoxSelection, order: str) -> list[
 
 def plan_of_statements(session: Session, read: Callable[[], object]) -> list[str]:
     """The steps of SQLite's query plans for the statements that `read` runs."""
-    with statements_of(session.connection()) as found:
+    with statements_of(session.connection()) as statements:
         read()
-    return explain(session, found)
+    return explain(session, statements)
 
 
 def explain(session: Session, statements: list[Statement]) -> list[str]:
@@ -72,36 +70,34 @@ def explain(session: Session, statements: list[Statement]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize(
-    ("wanted", "order", "index"),
-    [
-        pytest.param(BoxSelection(), "id", "by_class", id="all by id"),
-        pytest.param(BoxSelection(review="undecided"), "id", "by_class",
-         id="not reviewed yet"),
-        pytest.param(BoxSelection(verdict="rejected"), "id", "by_reason", id="verdict"),
-        pytest.param(BoxSelection(verdict="rejected", review="undecided"), "id",
-         "by_reason", id="verdict, not reviewed yet"),
-        pytest.param(BoxSelection(reason="visible"), "id", "by_reason", id="reason"),
-        pytest.param(BoxSelection(class_name="truck"), "id", "by_class", id="class"),
-        pytest.param(BoxSelection(review="keep"), "id", "reviewed", id="review"),
-        pytest.param(BoxSelection(), "doubt", "to_ask", id="doubt"),
-        pytest.param(BoxSelection(class_name="car"), "match_percent", "by_match",
-         id="match"),
-        pytest.param(BoxSelection(), "-match_percent", "by_match", id="match, falling"),
-        pytest.param(BoxSelection(), "crowding", "by_crowding", id="crowding"),
-        pytest.param(BoxSelection(review="none", bin="ask"), "doubt", "to_ask",
-         id="queue"),
-        pytest.param(BoxSelection(verdict="kept"), "doubt", "to_ask",
-         id="verdict by doubt"),
-        pytest.param(BoxSelection(bin="wall"), "doubt", "by_class", id="bin"),
-        pytest.param(BoxSelection(match_min=1, match_max=100), "id", "PRIMARY KEY",
-         id="range by id"),
-    ],
-)  # fmt: skip
+PAGES = {
+    "all by id": (BoxSelection(), "id", "by_class"),
+    "not reviewed yet": (BoxSelection(review="undecided"), "id", "by_class"),
+    "verdict": (BoxSelection(verdict="rejected"), "id", "by_reason"),
+    "verdict, not reviewed yet": (
+        BoxSelection(verdict="rejected", review="undecided"),
+        "id",
+        "by_reason",
+    ),
+    "reason": (BoxSelection(reason="visible"), "id", "by_reason"),
+    "class": (BoxSelection(class_name="truck"), "id", "by_class"),
+    "review": (BoxSelection(review="keep"), "id", "reviewed"),
+    "doubt": (BoxSelection(), "doubt", "to_ask"),
+    "match": (BoxSelection(class_name="car"), "match_percent", "by_match"),
+    "match, falling": (BoxSelection(), "-match_percent", "by_match"),
+    "crowding": (BoxSelection(), "crowding", "by_crowding"),
+    "queue": (BoxSelection(review="none", bin="ask"), "doubt", "to_ask"),
+    "verdict by doubt": (BoxSelection(verdict="kept"), "doubt", "to_ask"),
+    "bin": (BoxSelection(bin="wall"), "doubt", "by_class"),
+    "range by id": (BoxSelection(match_min=1, match_max=100), "id", "PRIMARY KEY"),
+}
+
+
+@pytest.mark.parametrize(("selection", "order", "index"), PAGES.values(), ids=PAGES)
 def test_page_of_boxes_is_read_through_an_index_without_sorting(
-    street, session, wanted, order, index
+    street, session, selection, order, index
 ):
-    plan = plan_of(session, street, wanted, order)
+    plan = plan_of(session, street, selection, order)
 
     reads = [step for step in plan if "decisions" in step]
     assert reads
@@ -115,9 +111,9 @@ def test_page_of_boxes_is_read_through_an_index_without_sorting(
 
 @pytest.mark.parametrize("review", ["none", "undecided", "unsure"])
 def test_boxes_by_id_are_read_through_the_primary_key(street, session, review):
-    wanted = to_filter(session, street.row(session), BoxSelection(review=review))
+    chosen = to_filter(session, street.row(session), BoxSelection(review=review))
     rows = select(Decision.box_id).where(
-        Decision.box_id.in_(range(1, 500)), *wanted.conditions_by_id()
+        Decision.box_id.in_(range(1, 500)), *chosen.conditions_by_id()
     )
     text_of = rows.compile(session.connection(), compile_kwargs={"literal_binds": True})
 
@@ -128,16 +124,16 @@ def test_boxes_by_id_are_read_through_the_primary_key(street, session, review):
 
 def test_unanswered_toss_ups_are_read_through_the_toss_up_index(street, session):
     chosen = BoxSelection(review="none", toss_up=True)
-    wanted = to_filter(session, street.row(session), chosen)
+    box_filter = to_filter(session, street.row(session), chosen)
 
-    plan = plan_of_statements(session, lambda: BoxProbes(session).every(wanted))
+    plan = plan_of_statements(session, lambda: BoxProbes(session).every(box_filter))
 
     assert [step for step in plan if "ix_decisions_toss_up" in step], plan
 
 
-@pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
-def test_reviewed_boxes_are_read_through_the_review_index(street, session, wanted):
-    plan = plan_of(session, street, BoxSelection(**wanted), "doubt")
+@pytest.mark.parametrize("selection", [{"conflict": True}, {"review": "decided"}])
+def test_reviewed_boxes_are_read_through_the_review_index(street, session, selection):
+    plan = plan_of(session, street, BoxSelection(**selection), "doubt")
 
     reads = [step for step in plan if "decisions" in step]
     indexes = ("ix_decisions_reviewed", "ix_decisions_to_ask")

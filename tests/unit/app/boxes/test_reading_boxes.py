@@ -1,7 +1,5 @@
 """Boxes are read for display with few statements, and with those that overlap them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest
@@ -43,10 +41,10 @@ def statements_run_by(
     """The statements that `read` runs."""
     with (
         street.context.database.read() as session,
-        statements_of(session.connection()) as found,
+        statements_of(session.connection()) as statements,
     ):
         read(session)
-    return [statement for statement, _ in found]
+    return [statement for statement, _ in statements]
 
 
 def frame_id_of_box(street: ServiceDataset, box_id: int) -> int:
@@ -57,16 +55,16 @@ def frame_id_of_box(street: ServiceDataset, box_id: int) -> int:
 
 def reader_of_page(street: ServiceDataset, limit: int) -> Callable[[Session], object]:
     def read(session: Session) -> object:
-        wanted = to_filter(session, street.row(session), BoxSelection())
+        chosen = to_filter(session, street.row(session), BoxSelection())
         request = PageRequest("id", None, limit)
         reader = DecisionReader(session, street.row(session))
-        return list_boxes(session, reader, wanted, request)
+        return list_boxes(session, reader, chosen, request)
 
     return read
 
 
 def count_selects_from(name: str, statements: list[str]) -> int:
-    return sum(f"FROM {name}" in " ".join(one.split()) for one in statements)
+    return sum(f"FROM {name}" in " ".join(text.split()) for text in statements)
 
 
 def test_page_of_many_frames_needs_no_more_statements_than_one_frame(street):
@@ -79,10 +77,10 @@ def test_page_of_many_frames_needs_no_more_statements_than_one_frame(street):
 
 def test_box_is_described_equally_singly_in_a_list_and_with_its_frame(street):
     with street.context.database.read() as session:
-        wanted = to_filter(session, street.row(session), BoxSelection())
+        chosen = to_filter(session, street.row(session), BoxSelection())
         request = PageRequest("crowding", None, 100)
         dataset = DecisionReader(session, street.row(session))
-        listed, _ = list_boxes(session, dataset, wanted, request)
+        listed, _ = list_boxes(session, dataset, chosen, request)
         alone = [describe_box(session, box["box_id"]) for box in listed]
         frames = sorted({box["frame_id"] for box in listed}, reverse=True)
         framed = dataset.records(dataset.read_frames(frames))
@@ -130,22 +128,22 @@ def test_neighbours_are_the_boxes_of_the_frame_that_overlap(street):
     with street.context.database.read() as session:
         shown = describe_frame(session, frame_id_of_box(street, street.box_ids()[4]))
         boxes = {box.box_id: box.xyxy for box in Frame.model_validate(shown).boxes}
-        found = {box_id: read_neighbours(session, box_id) for box_id in boxes}
+        neighbours_of = {box_id: read_neighbours(session, box_id) for box_id in boxes}
 
     assert sum(xyxy is None for xyxy in boxes.values()) == 1
-    assert any(found.values())
-    for box_id, neighbours in found.items():
+    assert any(neighbours_of.values())
+    for box_id, neighbours in neighbours_of.items():
         expected = [other for other in boxes if overlap(box_id, other, boxes)]
         assert list(neighbours) == expected
 
 
 def read_neighbours(session, box_id):
-    _, found = read_box(session, box_id)
-    return found.neighbours(0)
+    _, record = read_box(session, box_id)
+    return record.neighbours(0)
 
 
-def overlap(one, other, boxes):
-    a, b = boxes[one], boxes[other]
-    if one == other or a is None or b is None:
+def overlap(box_id, other, boxes):
+    a, b = boxes[box_id], boxes[other]
+    if box_id == other or a is None or b is None:
         return False
     return all(a[axis] < b[axis + 2] and b[axis] < a[axis + 2] for axis in (0, 1))

@@ -1,7 +1,5 @@
 """Counts that are summed from tallies."""
 
-from __future__ import annotations
-
 from app.boxes.counts import count, summary, tallies_of
 from app.boxes.filter import TallyKey
 from filter_core.decisions.doubt import Bin

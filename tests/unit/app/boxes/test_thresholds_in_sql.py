@@ -3,8 +3,6 @@
 Every reason occurs, and numbers of the evidence lie below, at and above thresholds.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 
@@ -151,9 +149,9 @@ def stored(request, engine):
     ids=str,
 )
 def test_selected_boxes_are_the_same_in_sql_and_on_columns(stored, selection):
-    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, **selection)
-    chosen = selected(stored.numbers, stored.config, wanted)
-    rows = select(Decision.box_id).where(*wanted.conditions())
+    box_filter = BoxFilter(DATASET, thresholds=stored.thresholds, **selection)
+    chosen = selected(stored.numbers, stored.config, box_filter)
+    rows = select(Decision.box_id).where(*box_filter.conditions())
 
     by_columns = stored.ids[chosen].tolist()
 

@@ -1,7 +1,5 @@
 """Bulk inserts and updates store rows as single statements would, on both databases."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 
@@ -127,8 +125,8 @@ def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset_id):
     insert_rows(session, FrameEvidence, rows)
 
     columns = [getattr(FrameEvidence, name) for name in rows[0]]
-    found = session.execute(select(*columns).order_by(FrameEvidence.id))
-    assert list(map(tuple, found)) == [tuple(row.values()) for row in rows]
+    stored = session.execute(select(*columns).order_by(FrameEvidence.id))
+    assert list(map(tuple, stored)) == [tuple(row.values()) for row in rows]
 
 
 @pytest.mark.parametrize("count", [2, ROWS])

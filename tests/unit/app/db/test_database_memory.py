@@ -1,7 +1,5 @@
 """The memory that all connections to SQLite use for their caches is bounded."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which database URLs are accepted; no error message contains a password."""
 
-from __future__ import annotations
-
 import pytest
 from pydantic import ValidationError
 from sqlalchemy import make_url
@@ -16,7 +14,7 @@ PLACE = f"ada:p%40{SECRET}@db.example:5433/boxes?sslmode=require"
 
 
 @pytest.mark.parametrize(
-    ("given", "driver_url"),
+    ("url", "driver_url"),
     [
         (f"postgres://{PLACE}", f"postgresql+psycopg://{PLACE}"),
         (f"postgresql://{PLACE}", f"postgresql+psycopg://{PLACE}"),
@@ -24,8 +22,8 @@ PLACE = f"ada:p%40{SECRET}@db.example:5433/boxes?sslmode=require"
         ("sqlite:////srv/boxes.db", "sqlite:////srv/boxes.db"),
     ],
 )
-def test_url_is_that_of_the_driver_and_is_not_printed(given, driver_url):
-    settings = Settings(database_url=given)
+def test_url_is_that_of_the_driver_and_is_not_printed(url, driver_url):
+    settings = Settings(database_url=url)
 
     assert settings.sqlalchemy_url == driver_url
     assert SECRET not in repr(settings) + str(settings)
@@ -39,7 +37,7 @@ def test_question_mark_in_a_password_is_accepted():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("url", "said"),
     [
         (f"postgresql+psycopg2://a:{SECRET}@db/b", "'postgresql+psycopg2' is not"),
         (f"postgresql+asyncpg://a:{SECRET}@db/b", "'postgresql+asyncpg' is not"),
@@ -55,9 +53,9 @@ def test_question_mark_in_a_password_is_accepted():
         ("sqlite:///:memory:", "in memory would be lost"),
     ],
 )
-def test_unsupported_database_url_is_refused_without_its_password(given, said):
+def test_unsupported_database_url_is_refused_without_its_password(url, said):
     with pytest.raises(ValidationError) as refused:
-        Settings(database_url=given)
+        Settings(database_url=url)
 
     assert said in str(refused.value)
     assert SECRET not in str(refused.value)

@@ -1,7 +1,5 @@
 """`first_row` reads a row without a session: the same values, and the same errors."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 

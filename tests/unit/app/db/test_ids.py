@@ -1,7 +1,5 @@
 """Ids of deleted datasets are not reused, so no old link leads to another dataset."""
 
-from __future__ import annotations
-
 from app.datasets.service import remove_dataset
 from tests.support.services import running_services
 

@@ -1,7 +1,5 @@
 """Writers on PostgreSQL take turns, with any server settings and if a process hangs."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -58,13 +56,13 @@ def test_isolation_levels_do_not_depend_on_the_default_of_the_server(url):
             session.execute(text(f"{level} = 'serializable'"))
         database.engine.dispose()
         with database.write() as session:
-            found = show_setting(session, "transaction_isolation")
+            writing = show_setting(session, "transaction_isolation")
         with database.write_out_of_turn() as session:
             beside = show_setting(session, "transaction_isolation")
         with database.read() as session:
             reading = show_setting(session, "transaction_isolation")
 
-    assert (found, beside, reading) == (
+    assert (writing, beside, reading) == (
         "read committed",
         "read committed",
         "repeatable read",

@@ -1,7 +1,5 @@
 """Which database errors are transient, tested with errors of SQLite and PostgreSQL."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 

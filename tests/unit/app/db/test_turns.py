@@ -1,7 +1,5 @@
 """Writers of one process take turns in order of arrival; people go before jobs."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import ExitStack, closing, contextmanager
 

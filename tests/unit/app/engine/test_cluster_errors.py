@@ -1,7 +1,5 @@
 """An unreachable Dask scheduler is reported by its cause, without a traceback."""
 
-from __future__ import annotations
-
 import logging
 from asyncio import CancelledError
 from itertools import pairwise

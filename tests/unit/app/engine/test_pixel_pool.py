@@ -1,7 +1,5 @@
 """`PixelPool`: child processes that read images, with their limits and crashes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -25,9 +23,9 @@ LIMIT_BYTES = 256 * 1024**2
 
 @pytest.fixture
 def pool():
-    found = PixelPool(1, seconds=PATIENCE_S, memory_bytes=LIMIT_BYTES)
-    yield found
-    found.close()
+    pixels = PixelPool(1, seconds=PATIENCE_S, memory_bytes=LIMIT_BYTES)
+    yield pixels
+    pixels.close()
 
 
 def is_running(pid):

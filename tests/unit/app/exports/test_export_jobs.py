@@ -1,7 +1,5 @@
 """Exports that are repeated, interrupted, cancelled, or whose dataset is deleted."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from typing import get_args
@@ -47,14 +45,6 @@ def request_unstarted_export(street):
         dataset = street.row(session)
         export = request_export(street.idle_context, session, dataset, request)
         return Job("export", export.id)
-
-
-def wait_for_queued_jobs(street):
-    """Wait until all jobs that were queued before are over."""
-    street.run({}, activate=False)
-    over = threading.Event()
-    street.context.engine.submit(over.set)
-    assert over.wait(60)
 
 
 def export_of(street, job):
@@ -105,8 +95,8 @@ def test_label_columns_equal_the_complete_decisions(street):
             "distance": as_json_values(boxes.distance),
             "match_percent": as_json_values(boxes.match_percent),
         }
-        assert told == {key: [one[key] for one in whole] for key in told}
-        reviewed = [bool(one["review"]) for one in whole]
+        assert told == {key: [line[key] for line in whole] for key in told}
+        reviewed = [bool(line["review"]) for line in whole]
         assert (boxes.answer > 0).tolist() == reviewed
     assert sum(len(frame.boxes) for frame in frames) > 0
 
@@ -152,7 +142,11 @@ def test_export_cancelled_while_it_is_written_stays_cancelled(street):
         session.flush()
         start(street.context, [job])
         cancel(street.context, session, EXPORTS, job.id)
-    wait_for_queued_jobs(street)
+    # Until all jobs that were queued before are over.
+    street.run({}, activate=False)
+    over = threading.Event()
+    street.context.engine.submit(over.set)
+    assert over.wait(60)
 
     export = export_of(street, job)
     assert (export.state, export.sha256) == ("cancelled", None)

@@ -1,7 +1,5 @@
 """Large request bodies are parsed in a thread, small ones in the event loop."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from typing import Any

@@ -1,7 +1,5 @@
 """The page's modules in two scripts."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

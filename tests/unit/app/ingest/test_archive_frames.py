@@ -1,7 +1,5 @@
 """Frames of an archive that is being received, under the limit on bytes in memory."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncIterator
 
 import anyio
@@ -29,7 +27,7 @@ def test_frame_that_is_complete_is_given_before_the_limit_is_raised(tmp_path, be
         for piece in pieces:
             yield piece
 
-    found = []
+    keys = []
 
     async def receive() -> None:
         held = HeldBytes(bodies)
@@ -37,11 +35,11 @@ def test_frame_that_is_complete_is_given_before_the_limit_is_raised(tmp_path, be
         await frames.begin()
         try:
             async for each in frames:
-                found.append(each.key)
+                keys.append(each.key)
         finally:
             held.hold(0)
 
     with pytest.raises(NotReady):
         anyio.run(receive)
-    assert found == ["a"]
+    assert keys == ["a"]
     assert bodies.open_bytes == MOST // 2

@@ -1,7 +1,5 @@
 """`TarStream` reads archives in pieces of any size, and refuses bad members."""
 
-from __future__ import annotations
-
 import tarfile
 import time
 import tracemalloc
@@ -24,9 +22,9 @@ def read(data, *cuts, limits=LIMITS):
     stream = TarStream(limits)
     places = [0, *sorted(cuts), len(data)]
     pairs = pairwise(places)
-    found = [one for low, high in pairs for one in stream.feed(data[low:high])]
+    members = [member for low, high in pairs for member in stream.feed(data[low:high])]
     stream.close()
-    return found
+    return members
 
 
 def header(name, size=0, kind=tarfile.REGTYPE, form=tarfile.GNU_FORMAT, **more):
@@ -52,33 +50,30 @@ def test_archives_of_tarfile_are_read_in_pieces_of_any_size(members, form, data)
     archive = tar_archive(members, form)
     cuts = data.draw(st.lists(st.integers(0, len(archive)), max_size=6))
 
-    assert read(archive, *cuts) == [Member(*one) for one in members]
+    assert read(archive, *cuts) == [Member(*member) for member in members]
 
 
 LONG_NAME = "a" * 99 + "/b"
 TOO_LARGE = header("a", 10_001) + bytes(10_001 + 239)
 
 
-@pytest.mark.parametrize(
-    ("archive", "members"),
-    [
-        pytest.param(
-            header("./", kind=tarfile.DIRTYPE) + header("./a/b.json") + END,
-            [Member("a/b.json", b"")],
-            id="folders are skipped and a leading dot is removed",
-        ),
-        pytest.param(
-            TOO_LARGE + header("b") + END,
-            [Member("a", None), Member("b", b"")],
-            id="a too large member is skipped without its content",
-        ),
-        pytest.param(
-            tar_archive([(LONG_NAME, b"1")], tarfile.GNU_FORMAT),
-            [Member(LONG_NAME, b"1")],
-            id="a long name that is split after a slash is that of a file",
-        ),
-    ],
-)
+UNUSUAL = {
+    "folders are skipped and a leading dot is removed": (
+        header("./", kind=tarfile.DIRTYPE) + header("./a/b.json") + END,
+        [Member("a/b.json", b"")],
+    ),
+    "a too large member is skipped without its content": (
+        TOO_LARGE + header("b") + END,
+        [Member("a", None), Member("b", b"")],
+    ),
+    "a long name that is split after a slash is that of a file": (
+        tar_archive([(LONG_NAME, b"1")], tarfile.GNU_FORMAT),
+        [Member(LONG_NAME, b"1")],
+    ),
+}
+
+
+@pytest.mark.parametrize(("archive", "members"), UNUSUAL.values(), ids=UNUSUAL)
 def test_unusual_members_are_read(archive, members):
     assert read(archive) == members
 
@@ -113,16 +108,12 @@ def test_unsupported_or_damaged_member_is_refused(data, words):
         read(data + (b"" if words == "truncated" else END))
 
 
-def with_valid_checksum(block):
-    """The header with its checksum corrected."""
-    total = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
-    return block[:148] + b"%06o\0 " % total + block[156:]
-
-
 def header_with_size(field, kind=tarfile.REGTYPE):
     """A valid header with these bytes, padded to twelve, as its size."""
     block = header("a", kind=kind)
-    return with_valid_checksum(block[:124] + field.ljust(12, b"\0") + block[136:])
+    block = block[:124] + field.ljust(12, b"\0") + block[136:]
+    checksum = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
+    return block[:148] + b"%06o\0 " % checksum + block[156:]
 
 
 @pytest.mark.parametrize(
@@ -241,6 +232,6 @@ def test_too_large_or_compressed_archive_is_refused(data, error):
 def test_any_name_option_returns_names_outside_the_archive():
     stream = TarStream(LIMITS, any_name=True)
 
-    found = list(stream.feed(header("../a") + header("/b") + END))
+    members = list(stream.feed(header("../a") + header("/b") + END))
 
-    assert found == [Member("../a", b""), Member("/b", b"")]
+    assert members == [Member("../a", b""), Member("/b", b"")]

@@ -1,7 +1,5 @@
 """A fixture: a dataset with enough frames for several chunks."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.chunks import FRAMES, put

@@ -3,8 +3,6 @@
 Here the process that drives a job also works on its chunks, without workers.
 """
 
-from __future__ import annotations
-
 import threading
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -61,8 +59,8 @@ def frame_ids(street):
 def attempts(street, run_id):
     rows = select(Chunk.number, Chunk.attempts).where(Chunk.job_id == run_id)
     rows = rows.where(Chunk.kind == "run", Chunk.state == "waiting")
-    found = read(street, lambda session: session.execute(rows).all())
-    return dict(found)
+    waiting = read(street, lambda session: session.execute(rows).all())
+    return dict(waiting)
 
 
 def request_run_with_attempts(street, *spans):
@@ -97,8 +95,8 @@ def test_attempt_is_stored_when_a_chunk_begins_and_not_before(street):
 
     check_run_is_complete(street, run)
     assert len(seen) == FRAMES
-    assert {sum(one.values()) for one in seen} == {1}
-    assert [number for one in seen for number in one if one[number]] == [
+    assert {sum(counts.values()) for counts in seen} == {1}
+    assert [number for counts in seen for number in counts if counts[number]] == [
         *(1, 1, 1, 2, 2, 2),
         *(3, 3, 3, 4, 4, 4),
     ]
@@ -311,7 +309,7 @@ def test_decision_attempt_is_stored_before_it_begins(street):
 
     assert (run.state, run.changed > 0) == ("done", True)
     assert seen
-    assert {one[FINAL_STEP] for one in seen} == {MOST_ATTEMPTS}
+    assert {counts[FINAL_STEP] for counts in seen} == {MOST_ATTEMPTS}
     assert remaining_rows(street, Chunk, run) == []
 
 

@@ -3,8 +3,6 @@
 The engines are local ones with such faults; the driver does the same with any engine.
 """
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -98,7 +96,7 @@ def test_returned_chunk_is_retried_without_other_chunks(street):
 
     class Stopping(CrashingEngine):
         def _work(self, here, job, number):
-            tries = [one for one, _ in self.begun if one == number]
+            tries = [chunk for chunk, _ in self.begun if chunk == number]
             if number == 2 and len(tries) == 2:
                 return RETURNED
             return super()._work(here, job, number)
@@ -127,10 +125,10 @@ def test_chunk_that_is_worked_on_twice_counts_once(street):
 def test_two_drivers_end_a_run_once(street):
     run_id = street.request(FROM_PIXELS)
     with (
-        context_with_engine(street, SmallChunks()) as one,
+        context_with_engine(street, SmallChunks()) as first,
         context_with_engine(street, SmallChunks()) as two,
     ):
-        contexts = [one, replace(two, owned={})]
+        contexts = [first, replace(two, owned={})]
         drivers = [
             threading.Thread(target=drive_job, args=(context, run_job(run_id)))
             for context in contexts
@@ -170,9 +168,9 @@ def test_driver_that_lost_its_lease_does_not_end_the_run(street):
 
 def test_worker_of_another_installation_fails_the_run(street):
     run_id = street.request(FROM_PIXELS)
-    asked = ("run", run_id, 1)
+    job = ("run", run_id, 1)
 
-    assert work_in_worker(street.context, asked, "another one") == ELSEWHERE
+    assert work_in_worker(street.context, job, "another one") == ELSEWHERE
 
     class Elsewhere(SmallChunks):
         def start_chunk(self, here, job, number):

@@ -1,7 +1,5 @@
 """What all kinds of jobs have in common: how they start, fail and end."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
@@ -39,9 +37,9 @@ def queued(street, kind):
     """Request a job that is not started by the service; returns it."""
     if kind == "run":
         return run_job(street.request({}))
-    wanted = ExportRequest("yolo", {}, "ada")
+    request = ExportRequest("yolo", {}, "ada")
     with street.context.database.write() as session:
-        row = request_export(street.idle_context, session, street.row(session), wanted)
+        row = request_export(street.idle_context, session, street.row(session), request)
     return Job("export", row.id)
 
 
@@ -168,8 +166,8 @@ def test_job_is_closed_once_together_with_its_chunks(street, kind, end, left):
         table = {"run": Run, "export": Export}[kind]
         row = session.get_one(table, job.id)
         close(session, row, end, {"code": "so"} if end == "failed" else None)
-        found = session.query(Chunk).filter_by(kind=job.kind, job_id=job.id)
-        assert [chunk.state for chunk in found] == left
+        rows = session.query(Chunk).filter_by(kind=job.kind, job_id=job.id)
+        assert [chunk.state for chunk in rows] == left
 
         with pytest.raises(JobStopped):
             close(session, row, "done")

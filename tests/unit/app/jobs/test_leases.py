@@ -1,7 +1,5 @@
 """Leases of jobs have one holder; others take them over if it ended or is silent."""
 
-from __future__ import annotations
-
 from datetime import timedelta
 from itertools import count
 from threading import Event, Thread, Timer
@@ -63,14 +61,14 @@ def holder_of(context, job):
 
 def test_lease_has_one_holder_until_it_is_released(services, job):
     context = services.context
-    one = take_lease(context.database, job, "one")
+    lease = take_lease(context.database, job, "one")
 
     with pytest.raises(LeaseLost):
         take_lease(context.database, job, "two")
     with context.database.write() as session:
-        one.take(session)
-        one.require(session)
-    one.release()
+        lease.take(session)
+        lease.require(session)
+    lease.release()
     given_back = holder_of(context, job)
     two = take_lease(context.database, job, "two")
     held = holder_of(context, job)

@@ -1,7 +1,5 @@
 """Previews, histograms and comparisons give the same results if computed in parts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -76,9 +74,9 @@ def asked(street, most_boxes, question):
 
 
 def preview_question(config):
-    wanted = FilterConfig.from_mapping(config)
+    stricter = FilterConfig.from_mapping(config)
     limits = PreviewLimits(flips=4, bins=20)
-    return partial(preview, config=wanted, limits=limits)
+    return partial(preview, config=stricter, limits=limits)
 
 
 COMPUTATIONS: Mapping[str, Callable[..., Any]] = {
@@ -109,15 +107,15 @@ def test_preview_with_other_accept_sets_is_equal_in_parts(street_with_histograms
 
 
 def test_every_tested_question_has_a_nonempty_result(street):
-    found = {
+    results = {
         name: asked(street, 10**6, question) for name, question in COMPUTATIONS.items()
     }
 
-    assert found["preview"].flips.total > 4
-    assert found["evaluation by instances"].frames == FRAMES
-    assert found["evaluation by people"].boxes == 3
-    assert found["quality by instances"].confusion.kept_reject > 0
-    assert sum(map(sum, found["histogram"].classes.values())) == 5 * FRAMES
+    assert results["preview"].flips.total > 4
+    assert results["evaluation by instances"].frames == FRAMES
+    assert results["evaluation by people"].boxes == 3
+    assert results["quality by instances"].confusion.kept_reject > 0
+    assert sum(map(sum, results["histogram"].classes.values())) == 5 * FRAMES
 
 
 @pytest.mark.parametrize("config", [STRICTER, {"profile": "carlasimu"}])
@@ -127,13 +125,13 @@ def test_run_diff_computed_in_parts_is_equal_on_every_page(street, config):
     second = street.run({**config, "min_visible_pixels": 400}, activate=False).id
 
     def pages(context, session, _):
-        found: list[Diff] = []
+        diffs: list[Diff] = []
         cursor = None
-        while cursor is not None or not found:
+        while cursor is not None or not diffs:
             runs = compared_runs(session, second, first)
-            found.append(run_diff(context, session, runs, DiffPage(10, cursor)))
-            cursor = found[-1].next_cursor
-        return found
+            diffs.append(run_diff(context, session, runs, DiffPage(10, cursor)))
+            cursor = diffs[-1].next_cursor
+        return diffs
 
     whole = asked(street, 10**6, pages)
 
@@ -164,8 +162,8 @@ def test_classes_of_a_run_diff_keep_their_order_in_parts(services):
 @pytest.mark.parametrize("review", ["", "undecided", "none", "any"])
 def test_boxes_of_a_match_range_are_counted_in_parts(street, review):
     def counted(context, session, dataset):
-        wanted = BoxFilter(dataset.id, review=review, match_min=20, distance_max=30)
-        return count_boxes(context, session, dataset, wanted)
+        box_filter = BoxFilter(dataset.id, review=review, match_min=20, distance_max=30)
+        return count_boxes(context, session, dataset, box_filter)
 
     whole = asked(street, 10**6, counted)
 

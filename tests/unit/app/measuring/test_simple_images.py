@@ -1,7 +1,5 @@
 """Which frames a thread of the service measures itself, and which a child process."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from base64 import b64encode
@@ -24,20 +22,15 @@ PLAN = plan_for(DatasetReading("town"), FilterConfig())
 
 @pytest.fixture
 def pool():
-    found = PixelPool(1)
-    yield found
-    found.close()
+    pixels = PixelPool(1)
+    yield pixels
+    pixels.close()
 
 
 def encoded_image(wh=WH, suffix=".png"):
     width, height = wh
     pixels = np.full((height, width, 3), (142, 0, 0), np.uint8)  # all Car
     return cv2.imencode(suffix, pixels)[1].tobytes()
-
-
-def annotation(boxes=1, distance=None):
-    box = {"class": "car", "xyxy": [4, 4, 40, 40], "distance": distance}
-    return parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
 
 
 def add_text_chunk(png):
@@ -52,9 +45,10 @@ def measure_and_count_processes(
 ):
     """The percentage of matching pixels, and how many child processes were started."""
     before = processes()
-    frame = annotation(boxes, distance)
-    found = measure_files(pool, plan, frame, FrameFiles(png, wh, **files))
-    return float(found.evidence.match_percent[0]), len(processes() - before)
+    box = {"class": "car", "xyxy": [4, 4, 40, 40], "distance": distance}
+    frame = parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
+    measured = measure_files(pool, plan, frame, FrameFiles(png, wh, **files))
+    return float(measured.evidence.match_percent[0]), len(processes() - before)
 
 
 def processes():
@@ -71,7 +65,7 @@ def test_simple_segmentation_is_measured_in_the_calling_thread(pool):
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "options",
     [
         {"png": add_text_chunk(encoded_image())},
         {"png": encoded_image((2048, 1025)), "wh": (2048, 1025)},
@@ -89,19 +83,19 @@ def test_simple_segmentation_is_measured_in_the_calling_thread(pool):
     ],
     ids=["note", "large", "boxes", "mask", "dataset-mask", "channel"],
 )
-def test_costly_image_is_measured_in_a_child_process(pool, asked):
-    _, processes = measure_and_count_processes(pool, **asked)
+def test_costly_image_is_measured_in_a_child_process(pool, options):
+    _, processes = measure_and_count_processes(pool, **options)
 
     assert processes == 1
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "found"),
+    ("place", "value", "message"),
     [(28, 1, "it is damaged"), (24, 16, "expected 8 bits per channel, found 16")],
     ids=["interlaced", "deep"],
 )
 def test_interlaced_or_16_bit_header_is_read_in_a_child_process(
-    pool, place, value, found
+    pool, place, value, message
 ):
     """A child process finds out that the pixels contradict the header."""
     png = bytearray(encoded_image())
@@ -109,7 +103,7 @@ def test_interlaced_or_16_bit_header_is_read_in_a_child_process(
     png[29:33] = crc32(png[12:29]).to_bytes(4, "big")
     before = processes()
 
-    with pytest.raises(FilterError, match=found):
+    with pytest.raises(FilterError, match=message):
         measure_and_count_processes(pool, bytes(png))
 
     assert len(processes() - before) == 1

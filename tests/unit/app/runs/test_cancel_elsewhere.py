@@ -1,7 +1,5 @@
 """While one service decides a run, another one sees its progress and can cancel it."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from threading import Thread
 
@@ -29,19 +27,19 @@ def services(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shared")
     with (
         migrated_postgres() as url,
-        running_services(folder, database_url=url) as one,
+        running_services(folder, database_url=url) as first,
         running_services(folder, database_url=url) as other,
     ):
-        yield one, other
+        yield first, other
 
 
 @pytest.fixture(scope="module")
 def street(services):
-    one, _ = services
+    service, _ = services
     dataset_id = make_dataset(
-        one.context, DatasetSpec("many", FRAMES, 15), lambda _boxes: None
+        service.context, DatasetSpec("many", FRAMES, 15), lambda _boxes: None
     )
-    return ServiceDataset(one, "many", dataset_id)
+    return ServiceDataset(service, "many", dataset_id)
 
 
 def state_and_progress(services, run_id):
@@ -78,24 +76,24 @@ def drive_in_thread(services, run_id):
 def test_run_being_decided_is_followed_and_cancelled_by_another_service(
     services, street
 ):
-    one, other = services
+    first, other = services
     run_id = street.request(NOTHING_VISIBLE)
     before = street.reasons()
-    with drive_in_thread(one, run_id):
+    with drive_in_thread(first, run_id):
         state = wait_for_progress(other, run_id)
         with other.context.database.write() as session:
             cancelled = cancel(other.context, session, RUNS, run_id).state
 
     assert (state, cancelled) == ("running", "cancelled")
-    assert state_and_progress(one, run_id)[0] == "cancelled"
+    assert state_and_progress(first, run_id)[0] == "cancelled"
     assert street.reasons() == before
     # The same run again, which is not cancelled.
     assert street.run(NOTHING_VISIBLE).changed > 0
     # Deleting the dataset cancels a decision as well, instead of waiting for it.
     run_id = street.request({})
-    with drive_in_thread(one, run_id):
+    with drive_in_thread(first, run_id):
         wait_for_progress(other, run_id)
         with other.context.database.write() as session:
             remove_dataset(other.context, session, street.name, street.name)
-    with one.context.database.read() as session:
+    with first.context.database.read() as session:
         assert session.get_one(Run, run_id).state == "cancelled"

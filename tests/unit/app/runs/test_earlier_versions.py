@@ -1,7 +1,5 @@
 """Numbers that an earlier version has measured stay until a run measures again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from app.context import ServiceContext

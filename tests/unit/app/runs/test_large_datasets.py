@@ -1,7 +1,5 @@
 """Runs on more boxes than fit into memory have the same results, range by range."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -83,11 +81,11 @@ def test_inactive_run_in_ranges_does_not_change_current_decisions(services):
 def test_frame_ranges_cover_all_frames_without_overlap(services, boxes, ranges):
     street = filled_dataset(services)
     with street.context.database.read() as session:
-        found = list(frame_ranges(session, street.id, boxes=boxes))
+        pairs = list(frame_ranges(session, street.id, boxes=boxes))
         of_dataset = select(Frame.id).where(Frame.dataset_id == street.id)
         frames = session.scalars(of_dataset.where(Frame.superseded_at.is_(None))).all()
 
-    ends = [end for pair in found for end in pair]
+    ends = [end for pair in pairs for end in pair]
     assert ends == sorted(ends)
-    assert len(found) == ranges
-    assert all(any(a <= frame <= b for a, b in found) for frame in frames)
+    assert len(pairs) == ranges
+    assert all(any(a <= frame <= b for a, b in pairs) for frame in frames)

@@ -1,7 +1,5 @@
 """Doubt that another version of the code has stored is replaced as a service starts."""
 
-from __future__ import annotations
-
 from sqlalchemy import select, update
 
 from app.db.tables import Dataset, Decision
@@ -20,8 +18,8 @@ def stored(services, street):
     """The doubt about each box, and the version of the code that it is of."""
     with services.context.database.read() as session:
         rows = select(Decision.box_id, Decision.doubt).order_by(Decision.box_id)
-        found = session.execute(rows.where(Decision.dataset_id == street.id))
-        return {row[0]: row[1] for row in found}, street.row(session).doubt_version
+        stored = session.execute(rows.where(Decision.dataset_id == street.id))
+        return {row[0]: row[1] for row in stored}, street.row(session).doubt_version
 
 
 def test_doubt_of_another_version_is_computed_again_with_its_tallies(services):

@@ -1,7 +1,5 @@
 """Runs while frames are stored, settings change, or files are missing."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 from typing import Any
@@ -37,18 +35,18 @@ def put(street, key, shift=0):
 
 @pytest.mark.parametrize("after", [False, True])
 @pytest.mark.parametrize(
-    "wanted",
+    "config",
     [
-        pytest.param({"config": {"profile": "carlasimu"}}, id="measured from pixels"),
-        pytest.param({"config": CARS_ARE_SKY}, id="recounted from histograms"),
-        pytest.param({"config": {"threshold_small_box": 99}}, id="decided again"),
+        pytest.param({"profile": "carlasimu"}, id="measured from pixels"),
+        pytest.param(CARS_ARE_SKY, id="recounted from histograms"),
+        pytest.param({"threshold_small_box": 99}, id="decided again"),
     ],
 )
-def test_frame_uploaded_during_a_run_is_part_of_the_run(services, wanted, after):
+def test_frame_uploaded_during_a_run_is_part_of_the_run(services, config, after):
     """The run used to wait forever for numbers that were not going to be measured."""
     street = services.dataset()
     put(street, "first")
-    run_id = street.request(wanted["config"])
+    run_id = street.request(config)
     database = services.context.database
 
     with interrupted_at(
@@ -58,7 +56,7 @@ def test_frame_uploaded_during_a_run_is_part_of_the_run(services, wanted, after)
 
     assert len(street.reasons()) == 4
     assert street.tallies() == street.recounted()
-    assert street.preview(wanted["config"])["flips"]["total"] == 0
+    assert street.preview(config)["flips"]["total"] == 0
 
 
 def test_run_that_decides_by_stored_numbers_reads_no_file(tmp_path):

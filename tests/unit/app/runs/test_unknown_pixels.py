@@ -1,7 +1,5 @@
 """Boxes whose pixels have tags that nobody knows are unmeasured, and this is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -44,15 +42,15 @@ def decisions(config):
 
 
 def test_box_that_its_unknown_pixels_could_keep_is_unmeasured():
-    found = decisions({"threshold_small_box": 20})
+    by_box = decisions({"threshold_small_box": 20})
 
-    assert {box: one["reason"] for box, one in found.items()} == {
+    assert {name: box["reason"] for name, box in by_box.items()} == {
         "far": "unknown_pixels",
         "near": "visible",
         "sky": "no_visible_pixels",
         "edge": "below_threshold",
     }
-    far = found["far"]
+    far = by_box["far"]
     assert (far["verdict"], far["unknown_pixels"], far["box_pixels"]) == (
         "unmeasured",
         20,
@@ -72,7 +70,7 @@ def test_channels_that_count_tags_do_not_reject_for_unknown_ones(evidence):
 
     result = filter_frame({**FRAME, "boxes": boxes}, png(tags()), config)
 
-    reasons = {one["id"]: one["reason"] for one in result.decisions}
+    reasons = {box["id"]: box["reason"] for box in result.decisions}
     assert reasons["far"] == "unknown_pixels"
     assert reasons["sky"] == "no_visible_pixels"
 

@@ -1,7 +1,5 @@
 """What every blob store has to do, tested with a folder and with an S3 bucket."""
 
-from __future__ import annotations
-
 import random
 import time
 from pathlib import Path
@@ -152,9 +150,9 @@ def test_range_of_a_small_blob_is_read(store):
 
 def test_recently_stored_blob_is_not_removed_as_unused(store):
     store.put({DIGEST: CONTENT})
-    (found,) = store.files()
+    (file,) = store.files()
 
-    kept = store.remove([DIGEST], unused_since=found.modified_at - 1)
+    kept = store.remove([DIGEST], unused_since=file.modified_at - 1)
     store.put({DIGEST: CONTENT})
 
     assert kept == {}

@@ -1,7 +1,5 @@
 """What only S3 stores do: look up blobs, retry, time out, and hide server messages."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
@@ -122,17 +120,17 @@ def test_any_error_status_of_the_bucket_means_it_is_unavailable(
 
 
 def test_request_is_retried_after_503_of_the_bucket(open_bucket, s3):
-    asked = []
+    requests = []
 
     def answer_503_twice(_):
-        asked.append(1)
-        return (503, "<Code>SlowDown</Code>") if len(asked) < 3 else (200, "")
+        requests.append(1)
+        return (503, "<Code>SlowDown</Code>") if len(requests) < 3 else (200, "")
 
     with server_answering_with(answer_503_twice) as url:
         store = open_bucket(s3.bucket().behind(url).place(timeout_s=60.0))
         store.put({DIGEST: CONTENT})
 
-    assert len(asked) == 3
+    assert len(requests) == 3
 
 
 def test_silent_server_is_unavailable_after_the_timeout(open_bucket, s3):
@@ -152,12 +150,12 @@ def test_draft_waits_while_sixteen_blobs_are_being_sent(open_bucket, s3):
     """Sixteen blobs are being sent; a draft of another one waits."""
     bucket = s3.bucket()
     blobs = {sha256_of(data): data for data in (b"%d" % each for each in range(16))}
-    with gate(bucket.url) as way, ThreadPoolExecutor(1) as one:
+    with gate(bucket.url) as way, ThreadPoolExecutor(1) as thread:
         store = open_bucket(bucket.behind(way.url).place())
         way.hold()
 
         sixteen = store.draft(blobs)
-        waiting = one.submit(store.draft, {DIGEST: CONTENT})
+        waiting = thread.submit(store.draft, {DIGEST: CONTENT})
         with pytest.raises(FutureTimeout):
             waiting.result(0.3)
         way.flow()

@@ -1,7 +1,5 @@
 """Blobs in a folder are flushed before they can be used, and never incomplete."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which storage settings are accepted; no error message repeats a secret."""
 
-from __future__ import annotations
-
 import pytest
 from pydantic import ValidationError
 

@@ -1,7 +1,5 @@
 """Each fault of a box is reported with the right pointer, code and message."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.annotation_faults import faults_of
@@ -124,13 +122,13 @@ def test_missing_several_or_invalid_geometries_are_reported(box, pointer, code, 
 def test_invalid_box_field_is_reported_with_its_pointer(keys, code, words):
     (field,) = keys
 
-    found = box_faults({"xyxy": [1, 2, 3, 4], **keys})
+    faults = box_faults({"xyxy": [1, 2, 3, 4], **keys})
 
-    assert found == [(f"/{field}", code, f", {field}: {words}")]
+    assert faults == [(f"/{field}", code, f", {field}: {words}")]
 
 
 @pytest.mark.parametrize(
-    ("given", "label", "code", "words"),
+    ("value", "label", "code", "words"),
     [
         ("", '""', "empty", 'expected a text that is not empty, found ""'),
         (1.5, "1.5", "bad_id", "expected a text or an integer, found 1.5"),
@@ -141,19 +139,19 @@ def test_invalid_box_field_is_reported_with_its_pointer(keys, code, words):
          "expected an id of at most 64 bits, found 18446744073709551616"),
     ],
 )  # fmt: skip
-def test_invalid_box_id_is_reported(given, label, code, words):
-    found = faults_of({"boxes": [{"id": given, "class": "car", "xyxy": [1, 2, 3, 4]}]})
+def test_invalid_box_id_is_reported(value, label, code, words):
+    faults = faults_of({"boxes": [{"id": value, "class": "car", "xyxy": [1, 2, 3, 4]}]})
 
-    assert found == [("/boxes/0/id", code, f"box 0 (id {label}), id: {words}")]
+    assert faults == [("/boxes/0/id", code, f"box 0 (id {label}), id: {words}")]
 
 
 @pytest.mark.parametrize("again", ["217", 217])
 def test_duplicate_box_id_is_a_fault(again):
     box = {"class": "car", "xyxy": [1, 2, 3, 4]}
 
-    found = faults_of({"boxes": [{**box, "id": "217"}, box, {**box, "id": again}]})
+    faults = faults_of({"boxes": [{**box, "id": "217"}, box, {**box, "id": again}]})
 
-    ((pointer, code, detail),) = found
+    ((pointer, code, detail),) = faults
     assert (pointer, code) == ("/boxes/2/id", "duplicate_id")
     assert detail.endswith(
         "id: expected an id that occurs once in the frame, "

@@ -1,7 +1,5 @@
 """Turning annotations into the 2D rectangles that the filter measures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +28,7 @@ def geometry_of(*boxes, projection="clipped", **frame):
 
 
 def test_all_2d_forms_are_converted_to_xyxy_in_box_order():
-    found = geometry_of(
+    geometry = geometry_of(
         {"class": "a", "cxcywhn": [0.5, 0.5, 0.5, 0.5]},
         FLAT,
         {"class": "a", "xyxy": [1, 2, 3, 4]},
@@ -38,26 +36,26 @@ def test_all_2d_forms_are_converted_to_xyxy_in_box_order():
         {"class": "a", "cxcywh": [10, 10, 4, 2]},
     )
 
-    assert found.xyxy.tolist() == [
+    assert geometry.xyxy.tolist() == [
         [320, 180, 960, 540],
         [10, 20, 40, 60],
         [1, 2, 3, 4],
         [0, 0, 1280, 720],
         [8, 9, 12, 11],
     ]
-    assert found.edges == [None] * 5
-    assert np.isnan(found.visible_xyxy).all()
+    assert geometry.edges == [None] * 5
+    assert np.isnan(geometry.visible_xyxy).all()
 
 
 def test_3d_box_xyxy_is_its_visible_rectangle():
-    found = geometry_of(FLAT, make_3d_box(10, y=10))
+    geometry = geometry_of(FLAT, make_3d_box(10, y=10))
 
-    np.testing.assert_array_equal(found.xyxy[1], found.visible_xyxy[1])
-    assert found.amodal_xyxy[1, 2] > found.visible_xyxy[1, 2] == 1280
-    assert found.edges[0] is None
-    assert found.edges[1] is not None
-    assert np.isnan(found.vertices[0]).all()
-    assert np.isfinite(found.vertices[1]).all()
+    np.testing.assert_array_equal(geometry.xyxy[1], geometry.visible_xyxy[1])
+    assert geometry.amodal_xyxy[1, 2] > geometry.visible_xyxy[1, 2] == 1280
+    assert geometry.edges[0] is None
+    assert geometry.edges[1] is not None
+    assert np.isnan(geometry.vertices[0]).all()
+    assert np.isfinite(geometry.vertices[1]).all()
 
 
 def test_vertices_and_box3d_of_same_box_give_same_rectangle():
@@ -72,34 +70,34 @@ def test_vertices_and_box3d_of_same_box_give_same_rectangle():
 @pytest.mark.parametrize("box", [make_3d_box(-10), make_3d_box(10, y=100)])
 @pytest.mark.parametrize("profile", ["paper", "carlasimu"])
 def test_box_behind_or_beside_camera_is_outside_image(box, profile):
-    found = geometry_of(box)
+    geometry = geometry_of(box)
 
-    _, states = correct_xyxy(found.xyxy, WH, profile)
+    _, states = correct_xyxy(geometry.xyxy, WH, profile)
 
     assert states.tolist() == [BoxState.OUTSIDE_IMAGE]
-    assert np.isnan(found.visible_xyxy).all()
+    assert np.isnan(geometry.visible_xyxy).all()
 
 
 def test_naive_projection_uses_the_unclipped_amodal_rectangle():
-    found = geometry_of(make_3d_box(10, y=10), projection="naive")
+    geometry = geometry_of(make_3d_box(10, y=10), projection="naive")
 
-    np.testing.assert_array_equal(found.xyxy, found.amodal_xyxy)
-    assert found.xyxy[0, 2] > 1280
+    np.testing.assert_array_equal(geometry.xyxy, geometry.amodal_xyxy)
+    assert geometry.xyxy[0, 2] > 1280
 
 
 def test_distance_is_given_or_computed_from_3d_box_or_nan():
-    found = geometry_of(
+    geometry = geometry_of(
         FLAT, {**FLAT, "distance": 3}, make_3d_box(3, y=4), make_3d_box(3, distance=9)
     )
 
-    np.testing.assert_allclose(found.distance, [np.nan, 3, 5, 9])
+    np.testing.assert_allclose(geometry.distance, [np.nan, 3, 5, 9])
 
 
 def test_a_frame_without_boxes_has_empty_arrays():
-    found = geometry_of()
+    geometry = geometry_of()
 
-    assert len(found) == 0
-    assert (found.xyxy.shape, found.vertices.shape) == ((0, 4), (0, 8, 3))
+    assert len(geometry) == 0
+    assert (geometry.xyxy.shape, geometry.vertices.shape) == ((0, 4), (0, 8, 3))
 
 
 def test_image_size_different_from_camera_is_refused():

@@ -1,7 +1,5 @@
 """Each fault of a frame, its camera or its JSON has the right pointer and message."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -73,29 +71,29 @@ def test_invalid_frame_reports_pointer_code_and_message(raw, pointer, code, word
     ],
 )  # fmt: skip
 def test_invalid_camera_reports_pointer_code_and_message(camera, pointer, code, words):
-    found = faults_of({"boxes": [], "camera": camera})
+    faults = faults_of({"boxes": [], "camera": camera})
 
-    assert found[0] == (f"/camera{pointer}", code, f"camera{words}")
+    assert faults[0] == (f"/camera{pointer}", code, f"camera{words}")
 
 
 @pytest.mark.parametrize(
-    ("camera", "found"),
+    ("camera", "detail"),
     [(None, "nothing"), ({"width": 9, "height": 9, "fov": 90}, "fov, height, width")],
 )
-def test_3d_box_without_a_complete_camera_is_a_fault(camera, found):
+def test_3d_box_without_a_complete_camera_is_a_fault(camera, detail):
     box = {"id": "9", "class": "car", "box3d": {"extent": [1, 1, 1]}}
 
     faults = faults_of({"boxes": [box], "camera": camera})
 
     words = (
         "camera: expected width, height, fov and transform (or intrinsic and "
-        f'world_to_camera) because box 0 (id "9") is 3D, found {found}'
+        f'world_to_camera) because box 0 (id "9") is 3D, found {detail}'
     )
     assert faults == [("/camera", "missing_camera", words)]
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "found"),
+    ("text", "kind", "words"),
     [
         (b"{", "not_json", "a fault at line 1, column 2: Expecting property name"),
         (b"", "not_json", "a fault at line 1, column 1: Expecting value"),
@@ -105,11 +103,11 @@ def test_3d_box_without_a_complete_camera_is_a_fault(camera, found):
         (MANY_VALUES, "json_too_large", "JSON of more than 500000 values"),
     ],
 )
-def test_invalid_or_too_large_json_is_one_fault(text, kind, found):
+def test_invalid_or_too_large_json_is_one_fault(text, kind, words):
     ((pointer, code, detail),) = faults_of(text)
 
     assert (pointer, code) == ("", kind)
-    assert detail.startswith(f"annotation: expected JSON in UTF-8, found {found}")
+    assert detail.startswith(f"annotation: expected JSON in UTF-8, found {words}")
 
 
 def test_nan_and_infinity_in_json_are_faults_with_their_pointers():
@@ -137,21 +135,21 @@ def test_all_faults_are_reported_at_once_with_the_frame_key():
     second = {"id": "b", "class": "car", "xywh": ["1", "2", 3, 4], "distance": -1}
     boxes = [{"id": "a", "xyxy": [1, 2, 3]}, second]
 
-    found = faults_of(json.dumps({"map": 1, "boxes": boxes}), frame="town/01")
+    faults = faults_of(json.dumps({"map": 1, "boxes": boxes}), frame="town/01")
 
     of_boxes = ("0/class", "0/xyxy", "1/xywh/0", "1/xywh/1", "1/distance")
     pointers = ["/map", *(f"/boxes/{pointer}" for pointer in of_boxes)]
-    assert [fault[0] for fault in found] == pointers
-    assert found[3][2] == (
+    assert [fault[0] for fault in faults] == pointers
+    assert faults[3][2] == (
         'frame town/01, box 1 (id "b"), xywh[0]: expected a number, found "1"'
     )
 
 
 def test_more_boxes_than_the_limit_are_one_fault():
-    found = faults_of({"boxes": [{}] * 3}, limits=AnnotationLimits(max_boxes=2))
+    faults = faults_of({"boxes": [{}] * 3}, limits=AnnotationLimits(max_boxes=2))
 
     words = "boxes: expected at most 2 boxes, found 3"
-    assert found == [("/boxes", "too_many_boxes", words)]
+    assert faults == [("/boxes", "too_many_boxes", words)]
 
 
 def test_too_deeply_nested_unknown_key_is_a_fault():
@@ -179,13 +177,13 @@ KEY_PAIRS = b", ".join(b'"%d": 1, "%d": 2' % (key, key) for key in range(50_000)
     ],
 )
 def test_first_faults_are_reported_and_the_rest_counted(text, count):
-    with pytest.raises(AnnotationErrors) as found:
+    with pytest.raises(AnnotationErrors) as refused:
         parse_annotation(text)
 
-    assert len(found.value.errors) == min(count, MAX_FAULTS)
-    assert found.value.count == count
+    assert len(refused.value.errors) == min(count, MAX_FAULTS)
+    assert refused.value.count == count
     if count > 1:
-        assert found.value.detail.endswith(f" (and {count - 1} more)")
+        assert refused.value.detail.endswith(f" (and {count - 1} more)")
 
 
 def test_long_keys_in_the_pointer_of_a_fault_are_truncated():

@@ -1,7 +1,5 @@
 """Parsing valid annotations: accepted forms, defaults, and keys that are kept."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -76,7 +74,7 @@ def test_bytes_text_and_mapping_are_parsed_equally():
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("box_id", "expected"),
     [
         ("217", "217"),
         (217, "217"),
@@ -87,8 +85,8 @@ def test_bytes_text_and_mapping_are_parsed_equally():
         (None, "0"),
     ],
 )
-def test_box_id_becomes_text_and_null_id_becomes_the_index(given, expected):
-    assert parse_one_box(id=given).id == expected
+def test_box_id_becomes_text_and_null_id_becomes_the_index(box_id, expected):
+    assert parse_one_box(id=box_id).id == expected
 
 
 def test_null_values_are_treated_as_missing():
@@ -103,13 +101,13 @@ def test_null_values_are_treated_as_missing():
 
 
 def test_unknown_keys_are_kept_as_given():
-    given = car(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
-    raw = frame(given, extra={"a": 1}, scenario={"n": 7})
+    box = car(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
+    raw = frame(box, extra={"a": 1}, scenario={"n": 7})
 
     read = parse_annotation(raw)
 
     assert read.raw == raw
-    assert read.boxes[0].raw == given
+    assert read.boxes[0].raw == box
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Rectangles in another unit than their key says are refused by what they look like."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -39,7 +37,7 @@ def faults(*boxes):
     with pytest.raises(AnnotationErrors) as caught:
         decide(*boxes, profile="paper")
     errors = caught.value.errors
-    return [(one.kind, one.pointer) for one in errors], str(errors[0])
+    return [(error.kind, error.pointer) for error in errors], str(errors[0])
 
 
 @pytest.mark.parametrize(
@@ -155,7 +153,7 @@ def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
     (outcome,) = filter_source(source.frames(), FilterConfig())
 
     assert outcome.error is not None
-    assert [one["code"] for one in outcome.error["errors"]] == [code]
+    assert [error["code"] for error in outcome.error["errors"]] == [code]
 
 
 @pytest.mark.parametrize("case", ["14-units/xyxy-shares", "14-units/xyxyn-pixels"])

@@ -1,7 +1,5 @@
 """Loading configuration files: our keys, the paper's published file, invalid files."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.config.file import load_config
@@ -81,7 +79,7 @@ def test_filter_false_in_carlasimu_config_leaves_every_class_as_it_came():
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "words"),
     [
         ("sitting: {}", "no key"),
         ("sitting: {host: a, port: 2000}", "sitting.host, sitting.port"),
@@ -92,7 +90,7 @@ def test_filter_false_in_carlasimu_config_leaves_every_class_as_it_came():
         ),
     ],
 )
-def test_another_file_of_carlasimu_is_refused(text, found):
+def test_another_file_of_carlasimu_is_refused(text, words):
     with pytest.raises(ConfigError) as caught:
         load_config(text)
 
@@ -101,7 +99,7 @@ def test_another_file_of_carlasimu_is_refused(text, found):
         "expected a key of carlasimu's boundingBox.yaml that the filter uses "
         "(sitting.threshold_small_box, sitting.size_big_box, "
         "sitting.threshold_big_box, sitting.cam_rgb.min_distance or "
-        f"sitting.cam_rgb.filter), found {found}"
+        f"sitting.cam_rgb.filter), found {words}"
     )
 
 

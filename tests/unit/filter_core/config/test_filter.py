@@ -1,7 +1,5 @@
 """The filter's configuration: defaults, digests, limits, faults and JSON schema."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import pickle
@@ -141,9 +139,9 @@ def test_defaults_of_new_keys_are_pinned():
 KEY = "threshold_small_box"
 
 
-@pytest.mark.parametrize("given", [{KEY: 10}, {KEY: 10.0}, {"classes": {"car": {}}}])
-def test_defaults_that_are_written_out_are_no_other_configuration(given):
-    config = FilterConfig.from_mapping(given)
+@pytest.mark.parametrize("mapping", [{KEY: 10}, {KEY: 10.0}, {"classes": {"car": {}}}])
+def test_defaults_that_are_written_out_are_no_other_configuration(mapping):
+    config = FilterConfig.from_mapping(mapping)
 
     assert config == FilterConfig()
     assert config.digest == FilterConfig().digest
@@ -152,10 +150,10 @@ def test_defaults_that_are_written_out_are_no_other_configuration(given):
 
 
 def test_order_case_and_class_aliases_do_not_change_the_digest():
-    one = {"van": {"accept": ["Truck", "Car"]}, "street_light": {"min_distance": 1}}
+    classes = {"van": {"accept": ["Truck", "Car"]}, "street_light": {"min_distance": 1}}
     two = {"traffic_light": {"min_distance": 1.0}, "van": {"accept": ["car", "TRUCK"]}}
 
-    first = FilterConfig.from_mapping({"classes": one})
+    first = FilterConfig.from_mapping({"classes": classes})
     second = FilterConfig.from_mapping({"classes": two})
 
     assert first.digest == second.digest
@@ -236,8 +234,8 @@ def test_invalid_value_raises_config_error_with_pointer_and_range(raw, pointer, 
 
 def test_class_limits_override_or_inherit_the_common_thresholds():
     light = {"threshold_small_box": 2, "min_visible_pixels": 7, "max_distance": None}
-    given = {"max_distance": 50, "classes": {"street_light": light}}
-    config = FilterConfig.from_mapping(given)
+    mapping = {"max_distance": 50, "classes": {"street_light": light}}
+    config = FilterConfig.from_mapping(mapping)
 
     limits = config.limits_by_class(["car", "street_light"])
 
@@ -350,8 +348,8 @@ def test_evidence_of_a_key_lists_the_channels_that_it_changes(name, channel):
     before = FilterConfig(evidence=channel)
     after = FilterConfig.from_mapping({**before.as_dict(), name: OTHER[name]})
 
-    one, two = (decide(random_evidence(), config).reason for config in (before, after))
-    decided = one.tolist() != two.tolist()
+    old, new = (decide(random_evidence(), config).reason for config in (before, after))
+    decided = old.tolist() != new.tolist()
     measured = before.measuring().digest != after.measuring().digest
 
     assert (channel in keys_of(FilterConfig)[name].evidence) == (decided or measured)
@@ -389,7 +387,7 @@ def test_schema_has_the_channels_that_use_a_key_and_only_the_keys_of_its_class()
     assert properties["ordered_min_pixels"]["x-evidence"] == ["ordered", "auto"]
     assert "x-evidence" not in properties["max_distance"]
     Draft202012Validator.check_schema(of_deciding)
-    defaults = {name: one["default"] for name, one in deciding.items()}
+    defaults = {name: setting["default"] for name, setting in deciding.items()}
     assert defaults == DecideConfig().as_dict()
 
 

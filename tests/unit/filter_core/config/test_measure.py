@@ -3,8 +3,6 @@
 The digests themselves are pinned in tests/pins.
 """
 
-from __future__ import annotations
-
 import json
 import pickle
 

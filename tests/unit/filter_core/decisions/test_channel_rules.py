@@ -1,7 +1,5 @@
 """A channel decides a box if it has a number for it, and reports what it compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which boxes are asked about, which first, and why."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -44,13 +42,13 @@ def doubts_of(boxes, config=TAGS, **columns):
         getattr(channels, name)[:] = numbers
     evidence = replace(evidence_of(boxes), channels=channels)
     decisions = decide(evidence, config)
-    found = doubts(evidence, config, decisions)
+    doubt = doubts(evidence, config, decisions)
     covering = dict.fromkeys(range(len(boxes)), "the nearer car 214")
-    return found, questions(found, evidence, config, decisions, covering)
+    return doubt, questions(doubt, evidence, config, decisions, covering)
 
 
 @pytest.mark.parametrize(
-    ("one", "bin_", "cause", "question"),
+    ("seen", "bin_", "cause", "question"),
     [
         pytest.param(box(60, crowding=96), Bin.ASK, Cause.COVERED,
          "kept by its tags, but the nearer car 214 covers 96 % of it", id="covered"),
@@ -77,22 +75,22 @@ def doubts_of(boxes, config=TAGS, **columns):
          "nothing has decided whether it is visible", id="not measured"),
     ],
 )  # fmt: skip
-def test_box_has_its_bin_and_its_question(one, bin_, cause, question):
-    found, (sentence,) = doubts_of([one])
+def test_box_has_its_bin_and_its_question(seen, bin_, cause, question):
+    result, (sentence,) = doubts_of([seen])
 
-    assert bins_of(found.doubt).tolist() == [bin_]
-    assert found.cause.tolist() == [cause]
+    assert bins_of(result.doubt).tolist() == [bin_]
+    assert result.cause.tolist() == [cause]
     assert sentence == question
 
 
 def test_own_pixels_that_are_too_few_are_asked_about():
     config = FilterConfig(evidence="instance", min_visible_pixels=10)
 
-    found, sentences = doubts_of(
+    result, sentences = doubts_of(
         [box(60, crowding=96)] * 3, config, instance_pixels=[0, 9, 10]
     )
 
-    assert bins_of(found.doubt).tolist() == [Bin.SURE, Bin.ASK, Bin.SURE]
+    assert bins_of(result.doubt).tolist() == [Bin.SURE, Bin.ASK, Bin.SURE]
     assert sentences[1] == (
         "rejected, but 9 of its own pixels can be seen, of the 10 that are needed"
     )
@@ -101,13 +99,13 @@ def test_own_pixels_that_are_too_few_are_asked_about():
 def test_kinds_of_evidence_that_disagree_are_the_doubt():
     instances, depth = [0, 0, 90, 90], [0, 90, 90, 0]
 
-    found, sentences = doubts_of(
+    result, sentences = doubts_of(
         [box(60)] * 4, FilterConfig(), instance_pixels=instances, depth_pixels=depth
     )
 
     disagreement = "instances and depth disagree about it"
     assert sentences == [None, disagreement, None, disagreement]
-    assert found.doubt[1] > found.doubt[3] > 0
+    assert result.doubt[1] > result.doubt[3] > 0
 
 
 def test_what_is_too_small_follows_the_configuration():
@@ -138,7 +136,7 @@ CONFIG = st.builds(
 @given(boxes=st.lists(BOX, min_size=1, max_size=20), config=CONFIG)
 def test_every_box_is_in_one_bin_whatever_the_others_are(boxes, config):
     together, _ = doubts_of(boxes, config)
-    alone = [doubts_of([one], config)[0].doubt[0] for one in boxes]
+    alone = [doubts_of([box], config)[0].doubt[0] for box in boxes]
 
     assert together.doubt.tolist() == alone
     assert set(bins_of(together.doubt).tolist()) <= set(Bin)
@@ -153,8 +151,8 @@ def test_pixels_are_less_likely_the_own_ones_the_more_another_box_covers(
     rejected, kept, crowding
 ):
     in_order = (0, crowding, 100)
-    falling, _ = doubts_of([box(rejected, crowding=one) for one in in_order])
-    rising, _ = doubts_of([box(kept, crowding=one) for one in in_order])
+    falling, _ = doubts_of([box(rejected, crowding=crowding) for crowding in in_order])
+    rising, _ = doubts_of([box(kept, crowding=crowding) for crowding in in_order])
 
     assert falling.doubt.tolist() == sorted(falling.doubt, reverse=True)
     assert rising.doubt.tolist() == sorted(rising.doubt)
@@ -162,16 +160,16 @@ def test_pixels_are_less_likely_the_own_ones_the_more_another_box_covers(
 
 @given(match=st.floats(0.5, 9.5), sides=st.tuples(st.floats(4, 50), st.floats(4, 50)))
 def test_an_eye_decides_better_about_a_larger_box(match, sides):
-    found, _ = doubts_of([box(match, side=side) for side in sorted(sides)])
+    result, _ = doubts_of([box(match, side=side) for side in sorted(sides)])
 
-    assert found.doubt[0] <= found.doubt[1]
+    assert result.doubt[0] <= result.doubt[1]
 
 
 def test_boxes_that_an_eye_can_hardly_decide_come_last():
-    found, _ = doubts_of([box(9.9, side=7.9), box(1.5, side=8)])
+    result, _ = doubts_of([box(9.9, side=7.9), box(1.5, side=8)])
 
-    assert found.cause.tolist() == [Cause.OWN_PIXELS, Cause.OWN_PIXELS]
-    assert 0 < found.doubt[0] <= 10 < found.doubt[1]
+    assert result.cause.tolist() == [Cause.OWN_PIXELS, Cause.OWN_PIXELS]
+    assert 0 < result.doubt[0] <= 10 < result.doubt[1]
 
 
 def test_bins_come_in_the_order_of_doubt():

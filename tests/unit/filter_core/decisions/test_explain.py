@@ -3,8 +3,6 @@
 A percentage is never rounded to a value that would contradict the verdict.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.config.filter import ClassLimits
@@ -198,6 +196,6 @@ def test_hidden_by_has_the_colours_of_the_frames_palette(palette):
     for tag in palette.tags:
         row = counts(**{f"t{tag.tag}": 1})
 
-        found = [one["rgb"] for one in hidden_by(row, 0, palette.name)]
+        colours = [tag["rgb"] for tag in hidden_by(row, 0, palette.name)]
 
-        assert found in ([list(tag.rgb)], []), tag.name
+        assert colours in ([list(tag.rgb)], []), tag.name

@@ -1,7 +1,5 @@
 """Cohen's kappa against textbook values, and agreement of people on the same boxes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,14 +21,14 @@ from filter_core.evaluation.agreement import agreement, cohen_kappa
     ],
 )
 def test_cohen_kappa_equals_published_values(table, kappa, error):
-    found = cohen_kappa(np.array(table))
+    measured = cohen_kappa(np.array(table))
 
-    assert found is not None
-    assert found.value == pytest.approx(kappa, abs=5e-4)
-    assert -1 <= found.low <= found.value <= found.high <= 1
+    assert measured is not None
+    assert measured.value == pytest.approx(kappa, abs=5e-4)
+    assert -1 <= measured.low <= measured.value <= measured.high <= 1
     if error is not None:
-        assert found.value - max(-1, found.low) == pytest.approx(
-            min(1.959964 * error, found.value + 1), abs=5e-4
+        assert measured.value - max(-1, measured.low) == pytest.approx(
+            min(1.959964 * error, measured.value + 1), abs=5e-4
         )
 
 
@@ -42,6 +40,6 @@ def test_cohen_kappa_is_none_if_all_answers_are_equal(table):
 def test_agreement_without_answers_has_no_kappa():
     nothing = np.empty(0, np.int64)
 
-    found = agreement(nothing, nothing, nothing.astype(bool))
+    result = agreement(nothing, nothing, nothing.astype(bool))
 
-    assert (found.boxes, found.agreed, found.pairs, found.kappa) == (0, 0, [], None)
+    assert (result.boxes, result.agreed, result.pairs, result.kappa) == (0, 0, [], None)

@@ -1,7 +1,5 @@
 """Arms of an experiment: which boxes they label, and what is wrong with the labels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -42,7 +40,7 @@ def test_arms_label_what_their_filter_keeps(source):
     boxes = labelled(source)
 
     assert boxes.truth.tolist() == [1, 0, 0]
-    kept = {name: one.tolist() for name, one in boxes.labelled.items()}
+    kept = {name: labelled.tolist() for name, labelled in boxes.labelled.items()}
     drawn = kept.pop("random")
     every = {"raw": [True, True, True], "clipped": [True, True, False]}
     by_tags, exact = [True, True, False], [True, False, False]
@@ -96,9 +94,9 @@ def test_truth_comes_from_answers_or_from_a_file(source, verdicts, task, truth):
 
 
 def test_few_pixels_are_a_doubt_and_none_is_a_ghost():
-    known = truth_of_pixels(np.array([0, 1, 9, 10, -1]), 10)
+    boxes = truth_of_pixels(np.array([0, 1, 9, 10, -1]), 10)
 
-    assert known.truth.tolist() == [0, -1, -1, 1, -1]
+    assert boxes.truth.tolist() == [0, -1, -1, 1, -1]
 
 
 def test_truth_file_tells_pixels_where_it_has_them(tmp_path):
@@ -119,16 +117,16 @@ def test_label_noise_counts_ghosts_and_lost_objects(source):
     noise.add(labelled(source))
     noise.add(labelled(source, truth=truth))
 
-    found: dict[str, Any] = {**noise.as_dict()}
-    counts = {name: found[name] for name in ("frames", "objects", "ghosts", "doubtful")}
+    table: dict[str, Any] = {**noise.as_dict()}
+    counts = {name: table[name] for name in ("frames", "objects", "ghosts", "doubtful")}
     assert counts == {"frames": 2, "objects": 2, "ghosts": 4, "doubtful": 0}
-    depth = found["arms"]["depth"]
+    depth = table["arms"]["depth"]
     keys = ("labels", "kept_hidden", "rejected_visible")
     assert [depth[key] for key in keys] == [2, 1, 1]
-    assert found["arms"]["raw"]["kept_hidden"] == 4
+    assert table["arms"]["raw"]["kept_hidden"] == 4
     by_class = depth["by_class"]["car"]
     assert (by_class["kept_visible"], by_class["kept_hidden"]) == (1, 1)
-    groups = {one["pixels"]: one["labelled"] for one in depth["by_pixels"]}
+    groups = {group["pixels"]: group["labelled"] for group in depth["by_pixels"]}
     assert (groups["100+"], groups["0"]) == (1, 1)
 
 

@@ -1,7 +1,5 @@
 """Suggested thresholds for each class, from boxes whose true visibility is known."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from filter_core.config.filter import ClassConfig, FilterConfig
@@ -25,10 +23,10 @@ def filled_collector(config=None):
 
 
 def test_classes_are_identified_by_name_in_any_order():
-    (found,) = filled_collector().suggestions(Goal())
+    (light,) = filled_collector().suggestions(Goal())
 
-    assert (found.class_name, found.current, found.boxes) == ("traffic_light", 10, 4)
-    assert 1 < found.found.threshold < 6
+    assert (light.class_name, light.current, light.boxes) == ("traffic_light", 10, 4)
+    assert 1 < light.found.threshold < 6
 
 
 def test_with_thresholds_keeps_all_other_settings():
@@ -41,14 +39,14 @@ def test_with_thresholds_keeps_all_other_settings():
         },
     )
     collector = filled_collector(config)
-    found = collector.suggestions(Goal())
+    suggestions = collector.suggestions(Goal())
 
-    new = with_thresholds(collector.config, found)
+    new = with_thresholds(collector.config, suggestions)
 
     assert (new.evidence, new.max_distance) == ("semantic", 80)
     assert new.limits_of("traffic_light").min_visible_pixels == 2
     assert new.limits_of("traffic_light").threshold_small_box == (
-        found[0].found.threshold
+        suggestions[0].found.threshold
     )
     assert new.of_class("van") == config.of_class("van")
 

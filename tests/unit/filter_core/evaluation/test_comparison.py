@@ -1,7 +1,5 @@
 """Evaluation: the verdicts of each channel are compared with the truth of each box."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
@@ -28,9 +26,9 @@ def test_evaluation_scores_every_channel_on_the_same_boxes():
     for _ in range(3):
         evaluation.add(measured("depth", "instances"), TRUTH)
 
-    found = evaluation.as_dict()
-    assert (found["frames"], found["boxes"]) == (3, 6)
-    ghosts = {name: one["kept_hidden"] for name, one in found["channels"].items()}
+    table = evaluation.as_dict()
+    assert (table["frames"], table["boxes"]) == (3, 6)
+    ghosts = {name: row["kept_hidden"] for name, row in table["channels"].items()}
     assert ghosts == {
         "semantic": 3,
         "ordered": 0,
@@ -39,7 +37,7 @@ def test_evaluation_scores_every_channel_on_the_same_boxes():
         "instance": 0,
         "lidar": 3,
     }
-    f1 = found["channels"]["depth"]["f1"]
+    f1 = table["channels"]["depth"]["f1"]
     assert f1 is not None
     assert f1["value"] == 1.0
 
@@ -49,11 +47,11 @@ def test_scores_are_grouped_and_judged_is_zero_without_measurements():
 
     evaluation.add(measured(), TRUTH)
 
-    judged = {name: one.judged for name, one in evaluation.scores.items()}
+    judged = {name: scores.judged for name, scores in evaluation.scores.items()}
     assert judged == {"semantic": 2, "depth": 0, "ordered": 2}
     semantic = evaluation.as_dict()["channels"]["semantic"]
     assert semantic["by_class"]["car"]["kept_hidden"] == 1
-    assert [one["band"] for one in semantic["by_distance"]] == ["0-50"]
+    assert [band["band"] for band in semantic["by_distance"]] == ["0-50"]
 
 
 def test_box_of_an_unknown_class_or_without_measurement_is_not_counted():

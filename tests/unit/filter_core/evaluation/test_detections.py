@@ -1,7 +1,5 @@
 """Scores of detections are those of pycocotools, and intervals are of what they say."""
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stdout
 from dataclasses import replace
@@ -57,8 +55,8 @@ def by_pycocotools(objects, detections, frames):
     """mAP50 and mAP50-95; doubtful objects are those outside of the range of areas."""
     sizes = objects.xyxy[:, 2:] - objects.xyxy[:, :2]
     truth = {
-        "images": [{"id": one + 1} for one in range(frames)],
-        "categories": [{"id": one + 1} for one in range(len(CLASSES))],
+        "images": [{"id": number + 1} for number in range(frames)],
+        "categories": [{"id": number + 1} for number in range(len(CLASSES))],
         "annotations": [
             {
                 "id": row + 1,
@@ -119,8 +117,8 @@ RANDOM = [random_case(seed, rounded=coarse) for seed in range(12) for coarse in 
 def test_scores_are_those_of_pycocotools(objects, detections, frames):
     scores = score_detections(objects, detections, NO_GHOSTS, CLASSES, frames)
 
-    found = scores["map50"], scores["map50_95"]
-    assert found == pytest.approx(by_pycocotools(objects, detections, frames), abs=1e-6)
+    means = scores["map50"], scores["map50_95"]
+    assert means == pytest.approx(by_pycocotools(objects, detections, frames), abs=1e-6)
 
 
 def test_without_detections_or_objects_all_scores_are_0():
@@ -139,9 +137,9 @@ def test_resample_of_frames_is_scored_like_the_frames_drawn():
     weights = np.bincount(drawn, minlength=frames)[None].astype(float)
 
     def repeated(table):
-        rows = [np.flatnonzero(table.frame == one) for one in drawn]
+        rows = [np.flatnonzero(table.frame == frame) for frame in drawn]
         again = table[np.concatenate(rows)]
-        numbers = np.repeat(np.arange(frames), [len(one) for one in rows])
+        numbers = np.repeat(np.arange(frames), [len(row) for row in rows])
         return type(table)(**{**vars(again), "frame": numbers})
 
     weighted = mean_precisions(match(objects, detections, frames), weights)
@@ -173,7 +171,7 @@ def test_operating_point_bands_and_false_positives_on_ghosts():
 
     assert (scores["precision"], scores["recall"]) == (1.0, 2 / 3)
     assert (scores["false_positives"], scores["on_ghosts"]) == (0, 0)
-    bands = {name: one["recall"] for name, one in scores["by_distance"].items()}
+    bands = {name: band["recall"] for name, band in scores["by_distance"].items()}
     assert bands == {"0-50": 1.0, "50-100": 0.0}
     later = detections[np.arange(2, 5)]
     low = operating_point(list(match(objects, later, 2).values()))

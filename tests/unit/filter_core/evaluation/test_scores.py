@@ -1,7 +1,5 @@
 """Precision, recall, F1 and their intervals, against textbooks and definitions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -34,16 +32,16 @@ def test_scores_without_boxes_are_none():
 def test_precision_recall_and_f1_are_correct_and_in_their_intervals(tp, fp, fn, tn):
     scores = Confusion(tp, fp, fn, tn)
 
+    three = scores.precision, scores.recall, scores.f1
     assert scores.boxes == tp + fp + fn + tn
     if tp:
         precision, recall = tp / (tp + fp), tp / (tp + fn)
         f1 = 2 * precision * recall / (precision + recall)
-        found = scores.precision, scores.recall, scores.f1
-        values = [one.value for one in found if one is not None]
+        values = [score.value for score in three if score is not None]
         assert values == pytest.approx([precision, recall, f1])
-    for one in (scores.precision, scores.recall, scores.f1):
-        if one is not None:
-            assert 0 <= one.low <= one.value <= one.high <= 1
+    for score in three:
+        if score is not None:
+            assert 0 <= score.low <= score.value <= score.high <= 1
 
 
 @given(

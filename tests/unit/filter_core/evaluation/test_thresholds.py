@@ -1,7 +1,5 @@
 """Suggested thresholds for small sets of answers whose best threshold is obvious."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -28,12 +26,12 @@ def answers(rejected, kept, **more):
 def test_suggested_threshold_for_f1_separates_kept_from_rejected(
     rejected, kept, current, suggested
 ):
-    found = suggest(answers(rejected, kept), current, Goal())
+    suggestion = suggest(answers(rejected, kept), current, Goal())
 
-    assert found is not None
-    assert found.threshold == pytest.approx(suggested)
-    assert found.interval[0] <= found.threshold <= found.interval[1]
-    assert (found.at_suggested.f1 or 0) >= (found.at_current.f1 or 0)
+    assert suggestion is not None
+    assert suggestion.threshold == pytest.approx(suggested)
+    assert suggestion.interval[0] <= suggestion.threshold <= suggestion.interval[1]
+    assert (suggestion.at_suggested.f1 or 0) >= (suggestion.at_current.f1 or 0)
 
 
 def test_recall_goal_gives_the_highest_threshold_that_reaches_it():
@@ -53,12 +51,12 @@ def test_recall_goal_gives_the_highest_threshold_that_reaches_it():
 def test_boxes_decided_without_a_threshold_count_in_every_score():
     some = answers([1], [20], others=Confusion(3, 1, 2, 5))
 
-    found = suggest(some, 10, Goal())
+    suggestion = suggest(some, 10, Goal())
 
-    assert found is not None
+    assert suggestion is not None
     assert len(some) == 13
-    assert found.at_current.precision == 4 / 5
-    assert found.at_current.recall == 4 / 6
+    assert suggestion.at_current.precision == 4 / 5
+    assert suggestion.at_current.recall == 4 / 6
 
 
 def test_match_equal_to_the_threshold_is_kept_unless_strict():
@@ -90,7 +88,7 @@ def test_interval_is_deterministic_and_narrows_with_more_answers():
     assert few is not None
     assert many is not None
     assert many == again
-    width = [found.interval[1] - found.interval[0] for found in (few, many)]
+    width = [best.interval[1] - best.interval[0] for best in (few, many)]
     assert width[1] < width[0] / 2
     # F1 is best where the chance of keep is half the best F1 (0.97): at 19.7 percent.
     assert many.interval[0] < 19.7 < many.interval[1]

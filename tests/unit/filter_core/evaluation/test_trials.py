@@ -1,7 +1,5 @@
 """Comparing trials: differences are paired, and shown only where they are sure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -25,15 +23,15 @@ def evaluation_set(drives=FRAMES):
     return EvaluationSet("town", ("car",), objects, tight, ghosts, frame % drives)
 
 
-def trial(test, arm, seed, found):
+def trial(test, arm, seed, frames):
     """Finds the objects of so many frames, and a ghost in each."""
-    rows = np.random.default_rng(seed).permutation(FRAMES)[:found]
+    rows = np.random.default_rng(seed).permutation(FRAMES)[:frames]
     objects, ghosts = test.objects[rows], test.ghosts
     detections = Detections(
         np.concatenate([objects.frame, ghosts.frame]),
-        np.zeros(found + FRAMES, np.int64),
+        np.zeros(frames + FRAMES, np.int64),
         np.concatenate([objects.xyxy, ghosts.xyxy]),
-        np.concatenate([np.full(found, 0.9), np.full(FRAMES, 0.1)]),
+        np.concatenate([np.full(frames, 0.9), np.full(FRAMES, 0.1)]),
     )
     return Trial(TrialKey(0, arm, seed), detections, test.ghosts)
 
@@ -41,18 +39,18 @@ def trial(test, arm, seed, found):
 def compared(found_by_arm, seeds=3, drives=FRAMES):
     test = evaluation_set(drives)
     trials = [
-        trial(test, arm, seed, found)
-        for arm, found in found_by_arm.items()
+        trial(test, arm, seed, frames)
+        for arm, frames in found_by_arm.items()
         for seed in range(seeds)
     ]
     return compare([test], trials)
 
 
 def test_large_difference_is_shown_and_an_equal_arm_is_not():
-    found = compared({"raw": 10, "paper": 10, "depth": 30, "perfect": 40})
+    table = compared({"raw": 10, "paper": 10, "depth": 30, "perfect": 40})
 
-    differences = {name: one["map50"] for name, one in found["differences"].items()}
-    assert {name: one["shown"] for name, one in differences.items()} == {
+    differences = {name: row["map50"] for name, row in table["differences"].items()}
+    assert {name: row["shown"] for name, row in differences.items()} == {
         "paper": False,
         "depth": True,
         "perfect": True,
@@ -61,9 +59,9 @@ def test_large_difference_is_shown_and_an_equal_arm_is_not():
     assert depth["low"] > 0.2
     assert depth["value"] == pytest.approx(0.5, abs=0.01)
     assert list(depth["by_seed"]) == ["0", "1", "2"]
-    assert found["verdict"].startswith("mAP50 against raw: better: depth +0.")
-    assert "no difference shown: paper +0.000" in found["verdict"]
-    assert "perfect (ceiling) +0.74" in found["verdict"]
+    assert table["verdict"].startswith("mAP50 against raw: better: depth +0.")
+    assert "no difference shown: paper +0.000" in table["verdict"]
+    assert "perfect (ceiling) +0.74" in table["verdict"]
 
 
 def test_one_seed_or_seeds_that_disagree_show_no_difference():
@@ -72,8 +70,8 @@ def test_one_seed_or_seeds_that_disagree_show_no_difference():
     counts = [("raw", 0, 10), ("raw", 1, 30), ("depth", 0, 30), ("depth", 1, 10)]
     split = compare([test], [trial(test, *count) for count in counts])
 
-    one = alone["differences"]["depth"]["map50"]
-    assert (one["low"] > 0, one["shown"]) == (True, False)
+    difference = alone["differences"]["depth"]["map50"]
+    assert (difference["low"] > 0, difference["shown"]) == (True, False)
     assert "no difference shown: depth" in alone["verdict"]
     both = split["differences"]["depth"]["map50"]
     assert [round(value, 1) for value in both["by_seed"].values()] == [0.5, -0.5]
@@ -101,11 +99,11 @@ def test_score_of_an_arm_says_what_flatters_and_what_it_mistakes():
 def test_test_sets_have_the_same_weight():
     first, second = evaluation_set(), evaluation_set()
     trials = [
-        Trial(TrialKey(number, arm, seed), one.detections, one.own)
-        for number, test, found in ((0, first, 40), (1, second, 0))
+        Trial(TrialKey(number, arm, seed), drawn.detections, drawn.own)
+        for number, test, frames in ((0, first, 40), (1, second, 0))
         for arm in ("raw", "auto")
         for seed in range(2)
-        for one in [trial(test, arm, seed, found)]
+        for drawn in [trial(test, arm, seed, frames)]
     ]
 
     arms = compare([first, second], trials)["arms"]

@@ -1,17 +1,11 @@
 """An evaluation lists the largest disagreements with the truth, largest first."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from filter_core.evaluation.comparison import MOST, LargestErrors
 from tests.support.evidence import evidence_of
 
 LOST, GHOST = (False, True), (True, False)
-
-
-def listed(worst):
-    return [(box.name["row"], box.error, box.pixels) for box in worst.boxes]
 
 
 def add(worst, boxes, outcomes):
@@ -29,7 +23,8 @@ def test_ghost_counts_its_box_pixels_and_lost_object_its_matched_pixels():
 
     add(worst, boxes, [GHOST, LOST, (True, True)])
 
-    assert listed(worst) == [(0, "kept_hidden", 500), (1, "rejected_visible", 70)]
+    listed = [(box.name["row"], box.error, box.pixels) for box in worst.boxes]
+    assert listed == [(0, "kept_hidden", 500), (1, "rejected_visible", 70)]
 
 
 def test_only_the_largest_errors_are_kept():

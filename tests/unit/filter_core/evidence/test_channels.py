@@ -1,7 +1,5 @@
 """Frames decided by depth, instances, order of distance and LiDAR."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2
@@ -118,7 +116,7 @@ def test_instance_channel_decides_without_a_segmentation():
 
     result = filter_frame(ANNOTATION, None, FilterConfig(evidence="instance"), options)
 
-    assert [one["verdict"] for one in result.decisions] == ["kept", "rejected"]
+    assert [box["verdict"] for box in result.decisions] == ["kept", "rejected"]
 
 
 def test_too_coarse_depth_refuses_the_frame_except_in_auto():
@@ -188,7 +186,7 @@ def test_millimetres_of_16_bits_decide_as_raw_depth_and_are_noted():
     visible_only = {**ANNOTATION, "boxes": boxes[:1]}
     options = FrameOptions(sensors={"depth": depth})
 
-    found = filter_frame(
+    unnamed = filter_frame(
         visible_only, scene()[0], FilterConfig(evidence="auto"), options
     )
     named = filter_frame(
@@ -198,10 +196,10 @@ def test_millimetres_of_16_bits_decide_as_raw_depth_and_are_noted():
         options,
     )
 
-    assert "read as millimetres16" in found.measured.notes[0]
-    assert found.decisions[0]["evidence"] == "depth"
-    assert found.decisions[0]["verdict"] == "kept"
-    assert [(one["verdict"], one["evidence"]) for one in named.decisions] == [
+    assert "read as millimetres16" in unnamed.measured.notes[0]
+    assert unnamed.decisions[0]["evidence"] == "depth"
+    assert unnamed.decisions[0]["verdict"] == "kept"
+    assert [(box["verdict"], box["evidence"]) for box in named.decisions] == [
         ("kept", "depth"),
         ("rejected", "depth"),
         ("kept", "semantic"),
@@ -227,9 +225,9 @@ def test_ordered_decision_of_a_box_with_one_visible_pixel(needed, boxes, explana
     cubes = [cube(str(place), distance) for place, distance in enumerate(boxes)]
     config = FilterConfig(evidence="ordered", min_visible_pixels=needed)
 
-    found = filter_frame({**ANNOTATION, "boxes": cubes}, tags, config)
+    result = filter_frame({**ANNOTATION, "boxes": cubes}, tags, config)
 
-    assert found.decisions[-1]["explanation"] == explanation
+    assert result.decisions[-1]["explanation"] == explanation
 
 
 def test_configs_of_equal_digest_ignore_the_same_coarse_depth_image():
@@ -241,15 +239,15 @@ def test_configs_of_equal_digest_ignore_the_same_coarse_depth_image():
     )
     assert first.digest == second.digest
 
-    found = [
+    channels = [
         read_and_measure(ANNOTATION, scene()[0], config, options).evidence.channels
         for config in (first, second)
     ]
 
-    for numbers in found:
+    for numbers in channels:
         assert numbers is not None
-        assert found[0] is not None
-        assert numbers.owned_pixels.tolist() == found[0].owned_pixels.tolist()
+        assert channels[0] is not None
+        assert numbers.owned_pixels.tolist() == channels[0].owned_pixels.tolist()
         assert (numbers.depth_pixels == NOT_MEASURED).all()
 
 
@@ -269,14 +267,14 @@ def test_boxes_can_be_measured_without_an_annotation():
 
     evidence, _ = measure_evidence(cars(xyxy, [NEAR, FAR, np.nan]), sensors, config)
 
-    found = evidence.channels
-    assert found is not None
+    channels = evidence.channels
+    assert channels is not None
     assert evidence.matched_pixels.tolist() == [38 * 38, 30 * 30, 0]
-    assert found.owned_pixels.tolist() == [38 * 38, 0, NOT_MEASURED]
-    assert found.explained_by.tolist() == [NOT_MEASURED, 0, NOT_MEASURED]
-    assert found.instance_pixels.tolist() == [38 * 38, 0, 0]
+    assert channels.owned_pixels.tolist() == [38 * 38, 0, NOT_MEASURED]
+    assert channels.explained_by.tolist() == [NOT_MEASURED, 0, NOT_MEASURED]
+    assert channels.instance_pixels.tolist() == [38 * 38, 0, 0]
     # Depth needs a camera and corners: there are none.
-    assert found.depth_pixels.tolist() == [NOT_MEASURED] * 3
+    assert channels.depth_pixels.tolist() == [NOT_MEASURED] * 3
 
 
 def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
@@ -290,14 +288,14 @@ def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
     config = MeasureConfig(channels=("ordered", "depth", "depth_center", "lidar"))
     boxes = cars([[60, 40, 100, 80]] * 2, [9, 9])
 
-    found = measure_evidence(boxes, sensors, config)[0].channels
+    channels = measure_evidence(boxes, sensors, config)[0].channels
 
-    assert found is not None
-    assert found.explained_by.tolist() == [NOT_MEASURED, 0]
+    assert channels is not None
+    assert channels.explained_by.tolist() == [NOT_MEASURED, 0]
     # Depth and LiDAR need corners: no box has any.
-    assert found.depth_pixels.tolist() == [NOT_MEASURED] * 2
-    assert np.isnan(found.center_gap).all()
-    assert found.lidar_points.tolist() == [NOT_MEASURED] * 2
+    assert channels.depth_pixels.tolist() == [NOT_MEASURED] * 2
+    assert np.isnan(channels.center_gap).all()
+    assert channels.lidar_points.tolist() == [NOT_MEASURED] * 2
 
 
 def test_channels_measure_the_rectangle_clipped_to_the_image():
@@ -314,19 +312,19 @@ def test_channels_measure_the_rectangle_clipped_to_the_image():
 @pytest.mark.parametrize("kind", ["segmentation", "depth", "instances"])
 def test_image_larger_than_max_side_is_refused(kind):
     tags, _, _ = scene()
-    given = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags
+    segmentation = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags
     contents = {kind: FILES[kind]} if kind in FILES else {}
     options = FrameOptions(sensors=contents, max_side=WIDTH - 1)
 
     with pytest.raises(ImageTooLarge, match=f"may exceed {WIDTH - 1}"):
-        filter_frame(ANNOTATION, given, FilterConfig(evidence="auto"), options)
+        filter_frame(ANNOTATION, segmentation, FilterConfig(evidence="auto"), options)
 
 
 def test_absent_fills_every_column_with_its_missing_value():
     channels = ChannelNumbers.absent(2)
 
     for name, column in number_columns(ChannelNumbers).items():
-        found = getattr(channels, name)
-        assert found.shape == (2, *column.shape)
-        assert found.dtype == column.dtype
-        np.testing.assert_equal(found, np.full_like(found, column.missing))
+        numbers = getattr(channels, name)
+        assert numbers.shape == (2, *column.shape)
+        assert numbers.dtype == column.dtype
+        np.testing.assert_equal(numbers, np.full_like(numbers, column.missing))

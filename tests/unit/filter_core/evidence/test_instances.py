@@ -1,7 +1,5 @@
 """Instance images: reading them, and assigning each box its instance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -26,12 +24,12 @@ CAR, WALKER, ROAD = 14, 12, 1
 CARS = 1 << CAR
 
 
-def measured(tags, ids, xyxy, *, distance=None, accept=CARS, given=None):
+def measured(tags, ids, xyxy, *, distance=None, accept=CARS, ids_of=None):
     """The instance channel's numbers of boxes in one image."""
     image = read_instances(instance_png(tags, ids))
     count, wh = len(xyxy), image.tags.shape[::-1]
     boxes = FrameBoxes.of(xyxy, ["car"] * count, {"car": accept}, wh, distance)
-    boxes = replace(boxes, instance_id=np.array(given or [-1] * count, np.int64))
+    boxes = replace(boxes, instance_id=np.array(ids_of or [-1] * count, np.int64))
     numbers = ChannelNumbers.absent(count)
     outlines = frame_silhouettes(boxes.xyxy, boxes.vertices, None, wh)
     fill_instances(numbers, image, boxes, outlines)
@@ -147,10 +145,10 @@ BOXES = {
     ),
     "a given instance also counts outside of the box": (
         [SIX_BY_FOUR, [0, 0, 2, 2]],
-        {"given": [-1, 0x1_0000 + 77]},
+        {"ids_of": [-1, 0x1_0000 + 77]},
         [24, 12],
     ),
-    "a given instance is not in the image": ([SIX_BY_FOUR], {"given": [4]}, [0]),
+    "a given instance is not in the image": ([SIX_BY_FOUR], {"ids_of": [4]}, [0]),
     "its tags are not accepted": ([SIX_BY_FOUR], {"accept": 1 << WALKER}, [0]),
 }
 
@@ -163,7 +161,7 @@ def test_pixels_of_a_box_are_those_of_its_instance(boxes, options, pixels):
     for tight, box, count in zip(numbers.tight_xyxy, boxes, pixels, strict=True):
         if not count:
             assert np.isnan(tight).all()
-        elif "given" not in options:
+        elif "ids_of" not in options:
             assert tight.tolist() == box
 
 

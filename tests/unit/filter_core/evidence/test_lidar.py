@@ -1,7 +1,5 @@
 """Point files: reading LiDAR, checking LiDAR and radar, counting points in boxes."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The channel `ordered`: which box owns a pixel that several boxes cover."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -46,13 +44,6 @@ def test_nearer_ghost_without_pixels_does_not_explain_the_box_behind():
 
 def test_box_of_unknown_distance_is_not_measured_and_explains_none():
     assert owned([box(0, 0, 10), box(1, 0, 10)], [np.nan, 20.0]) == ([-1, 10], [-1, -1])
-
-
-def test_boxes_at_equal_distance_are_ordered_by_id():
-    assert owned([box(0, 0, 4), box(1, 0, 4)], [9.0, 9.0], ["b", "a"]) == (
-        [0, 4],
-        [1, -1],
-    )
 
 
 CAR_WITH_A_VIEW_OVER_ITS_BONNET = [

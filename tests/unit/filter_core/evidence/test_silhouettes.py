@@ -1,7 +1,5 @@
 """The pixels that an outline touches or whose centres it holds, for simple shapes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,11 +9,6 @@ DIAMOND = [(2, 0), (4, 2), (2, 4), (0, 2)]
 RECTANGLE = [(1.5, 0.5), (3.2, 0.5), (3.2, 2), (1.5, 2)]
 LINE = [(0.5, 0.5), (3.5, 2.5)]
 POINT = [(2.5, 1.5)] * 3
-
-
-def drawn(points, bounds, pixels=touched_pixels):
-    (mask,) = pixels([np.array(points, float)], np.array([bounds]))
-    return ["".join(".#"[int(pixel)] for pixel in row) for row in mask]
 
 
 @pytest.mark.parametrize(
@@ -30,7 +23,9 @@ def drawn(points, bounds, pixels=touched_pixels):
     ids=["diamond", "part of it", "rectangle", "line", "point"],
 )
 def test_touched_pixels_are_all_that_the_outline_touches(points, bounds, expected):
-    assert drawn(points, bounds) == expected
+    (mask,) = touched_pixels([np.array(points, float)], np.array([bounds]))
+
+    assert ["".join(".#"[int(pixel)] for pixel in row) for row in mask] == expected
 
 
 def test_centred_pixels_of_rectangles_are_computed_only_on_request():
@@ -38,11 +33,11 @@ def test_centred_pixels_of_rectangles_are_computed_only_on_request():
     flat = np.full((1, 8, 3), np.nan)
 
     (plain,) = frame_silhouettes(boxes, flat, None, (5, 2))
-    (asked,) = frame_silhouettes(boxes, flat, None, (5, 2), centres=True)
+    (centred,) = frame_silhouettes(boxes, flat, None, (5, 2), centres=True)
 
     assert plain.centred is None
-    assert asked.centred is not None
-    assert asked.centred.tolist() == [[False, True, False]]
+    assert centred.centred is not None
+    assert centred.centred.tolist() == [[False, True, False]]
 
 
 def test_touched_pixels_without_outlines_is_empty():

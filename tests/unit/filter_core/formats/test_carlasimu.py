@@ -1,7 +1,5 @@
 """Folders as carlasimu writes them, on Windows and on Linux."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -28,13 +26,13 @@ BOXES = [(FAR, 180.0), (NEAR, 50.0), (MIDDLE, 50.1), (NEAR, 120.0)]
 
 
 @pytest.mark.parametrize(
-    ("given", "separator"),
+    ("folder", "separator"),
     [("", "/"), ("out", "/"), ("out/cam", "/"), ("", "\\"), (r"out\cam", "\\")],
 )
-def test_tree_is_read_from_any_of_its_folders(tmp_path, given, separator):
+def test_tree_is_read_from_any_of_its_folders(tmp_path, folder, separator):
     write_carlasimu(tmp_path, BOXES, separator=separator)
 
-    frames = read_source(tmp_path / given)
+    frames = read_source(tmp_path / folder)
     (frame,) = frames
 
     assert frames.layout == "carlasimu"
@@ -59,10 +57,10 @@ def test_distance_range_is_in_decisions_and_counts_for_limits(tmp_path):
     (outcome,) = filter_source(frames, config)
 
     decisions = outcome.decisions or []
-    ranges = [(one["distance"], one["distance_range"]) for one in decisions]
+    ranges = [(box["distance"], box["distance_range"]) for box in decisions]
     assert ranges == [(None, [n, n + 50]) for n in (150, 0, 50, 100)]
     # The third may be nearer or farther than 51 m.
-    refused = [one["reason"] == "out_of_range" for one in decisions]
+    refused = [box["reason"] == "out_of_range" for box in decisions]
     assert refused == [True, True, False, False]
     assert decisions[0]["explanation"] == (
         "rejected: it is 150 to 200 m away, at most 150 m are allowed"
@@ -139,8 +137,8 @@ def test_a_capture_becomes_their_tree_with_colours_and_points_and_is_read_again(
     assert files["out/lidar/a.ply"] == b"ply"
     colours = decoded(png(painted(street_tags())))
     np.testing.assert_array_equal(decoded(files["out/seg/a.png"]), colours)
-    found = read_source(write_files(tmp_path / "again", files))
-    (again,) = filter_source(found, FilterConfig())
+    frames = read_source(write_files(tmp_path / "again", files))
+    (again,) = filter_source(frames, FilterConfig())
     assert (again.decisions or [])[0]["distance_range"] == [50, 100]
 
 

@@ -1,7 +1,5 @@
 """Reading COCO files, also faulty ones: a fault is reported, other frames are read."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 
@@ -74,9 +72,9 @@ def test_unknown_coco_keys_are_kept(tmp_path):
     (frame,) = read(tmp_path, images, [annotation(1, 1, **strange)])
 
     parsed = parse_annotation(annotation_of(frame))
-    given = GivenAnnotation(lambda: parsed.raw, (1, 1))
-    assert given.frame_extra() == {"license": 4, "camera": "left"}
-    assert given.box_extra(0) == strange
+    source = GivenAnnotation(lambda: parsed.raw, (1, 1))
+    assert source.frame_extra() == {"license": 4, "camera": "left"}
+    assert source.box_extra(0) == strange
     assert parsed.boxes[0].distance is None
 
 
@@ -84,7 +82,7 @@ def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
     (frame,) = read(tmp_path, [A], [annotation(5, 1), annotation(5, 1)])
 
     boxes = parse_annotation(annotation_of(frame)).boxes
-    assert [one.id for one in boxes] == ["0", "1"]
+    assert [box.id for box in boxes] == ["0", "1"]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +96,7 @@ def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
 def test_ambiguous_entry_is_a_problem_of_its_frame_only(tmp_path, images, rows, words):
     *bad, last = read(tmp_path, [*images, image("z", "z.png")], rows)
 
-    assert all(words in str(one.problem) for one in bad)
+    assert all(words in str(frame.problem) for frame in bad)
     assert bad
     assert (last.key, last.problem) == ("z", None)
 
@@ -109,7 +107,7 @@ def test_unmatched_images_and_annotations_are_listed(tmp_path):
     frames = read(tmp_path, [A], rows, ["images/other.png"])
 
     rest = "2 annotations of images that it does not list: annotations[0], annotations["
-    image, file = [(one.path, one.why) for one in frames.unmatched]
+    image, file = [(file.path, file.why) for file in frames.unmatched]
     assert image == ("images/other.png", "no COCO file lists this image")
     assert file == ("a.json", f"{rest}1]")
 
@@ -192,13 +190,13 @@ def test_faulty_image_or_category_is_reported(tmp_path, images, categories, word
     (frame,) = frames
 
     assert [box["class"] for box in annotation_of(frame)["boxes"]] == ["car"]
-    assert [words in one.why for one in frames.unmatched] == [True]
+    assert [words in file.why for file in frames.unmatched] == [True]
 
 
 def test_ten_faulty_annotations_are_named_and_the_others_counted(tmp_path):
     rows = [annotation(number, None) for number in range(1244)]
 
-    *named, last = [one.why for one in read(tmp_path, [A], rows).unmatched]
+    *named, last = [file.why for file in read(tmp_path, [A], rows).unmatched]
 
     assert len(named) == 10
     assert last == "annotations: 1,234 more like this"
@@ -234,9 +232,9 @@ def test_paths_from_elsewhere_that_could_be_one_file_get_none(tmp_path):
 
     frames = read(tmp_path, images, [], ["front/1.png", "x/2.png"])
 
-    known = {"x/2": tmp_path / "x/2.png"}
-    expected = {"a/front/1": None, "b/front/1": None, **known}
-    assert {one.key: one.image for one in frames} == expected
+    image_of = {"x/2": tmp_path / "x/2.png"}
+    expected = {"a/front/1": None, "b/front/1": None, **image_of}
+    assert {frame.key: frame.image for frame in frames} == expected
 
 
 @pytest.mark.parametrize("is_absolute", [True, False])
@@ -250,7 +248,7 @@ def test_image_elsewhere_is_read_where_it_lies_if_that_is_allowed(
 
     def read(**outside):
         frames = read_source(folder, options=RecordingDescription(**outside))
-        frame, other = sorted(frames, key=lambda one: one.key.endswith("2"))
+        frame, other = sorted(frames, key=lambda frame: frame.key.endswith("2"))
         assert (other.image, other.problem) == (None, None)
         return frame.image and frame.image.resolve(), frame.problem
 
@@ -273,10 +271,10 @@ def test_images_that_differ_in_their_suffix_are_two_frames(tmp_path, folder):
 
     assert frames.unmatched == ()
     assert (jpeg.key, lossless.key) == ("a.jpg", "a.png")
-    pictures = [tmp_path / "images" / one.key for one in frames]
-    assert [one.image for one in frames] == pictures
-    assert [one.segmentation for one in frames] == [None, tmp_path / "seg/a.png"]
-    classes = [annotation_of(one)["boxes"][0]["class"] for one in frames]
+    pictures = [tmp_path / "images" / frame.key for frame in frames]
+    assert [frame.image for frame in frames] == pictures
+    assert [frame.segmentation for frame in frames] == [None, tmp_path / "seg/a.png"]
+    classes = [annotation_of(frame)["boxes"][0]["class"] for frame in frames]
     assert classes == ["walker", "car"]
 
 
@@ -385,8 +383,8 @@ def test_values_are_complete_for_any_piece_size(tmp_path):
     for size in range(1, 40):
         with file.open("rb") as opened:
             items = list(json_items.read_object(opened, "x", piece_bytes=size))
-        found = [
-            json_items.decode_value(content.encode()[one.start : one.end], "x")
-            for one in items
+        values = [
+            json_items.decode_value(content.encode()[item.start : item.end], "x")
+            for item in items
         ]
-        assert found == [123456, *images]
+        assert values == [123456, *images]

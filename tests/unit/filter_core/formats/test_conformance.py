@@ -1,7 +1,5 @@
 """What `python -m filter_core.formats.conformance` tells the author of a format."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +23,7 @@ EXAMPLES = {
 }
 
 
-@pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.read])
+@pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if form.read])
 def test_every_format_that_can_be_read_conforms(name, tmp_path, capsys):
     example = write_files(tmp_path, EXAMPLES[name])
     constant = name.upper().replace("-", "_")
@@ -47,8 +45,8 @@ def test_example_of_the_documentation_conforms(monkeypatch, capsys):
 def with_spans(box_spans, origin):
     """A format with one box, and where it says that it is."""
     box = {"class": "car", "xyxy": [1, 2, 3, 4]}
-    one = FrameSource("a", {"boxes": [box]}, origin=origin)
-    candidate = strict_format(frames=lambda: iter([one]))
+    source = FrameSource("a", {"boxes": [box]}, origin=origin)
+    candidate = strict_format(frames=lambda: iter([source]))
     candidate.spans(box_spans)
     return candidate
 

@@ -1,7 +1,5 @@
 """Checks of every format: registration, counts, stable bytes, memory, file names."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess
@@ -31,8 +29,8 @@ from tests.support.folders import write_files
 def test_every_declared_format_is_registered():
     """A `Format` that is declared but not listed could never be used."""
     modules = [
-        import_module(found.name)
-        for found in iter_modules(formats.__path__, "filter_core.formats.")
+        import_module(module.name)
+        for module in iter_modules(formats.__path__, "filter_core.formats.")
     ]
     declared = {
         value.name
@@ -44,11 +42,11 @@ def test_every_declared_format_is_registered():
     assert declared == set(FORMATS)
 
 
-@pytest.mark.parametrize("one", FORMATS.values(), ids=FORMATS)
-def test_format_has_a_recogniser_iff_it_has_a_reader(one):
-    assert (one.read is None) == (one.recognise is None)
-    assert one.read or one.write
-    assert one.write or not one.options
+@pytest.mark.parametrize("form", FORMATS.values(), ids=FORMATS)
+def test_format_has_a_recogniser_iff_it_has_a_reader(form):
+    assert (form.read is None) == (form.recognise is None)
+    assert form.read or form.write
+    assert form.write or not form.options
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
@@ -170,7 +168,7 @@ def test_exported_file_names_are_unique_ignoring_case(name, tmp_path):
     assert len({file.casefold() for file in files}) == len(files)
     if FORMATS[name].read:
         again = read_source(write_files(tmp_path, files))
-        assert sorted(one.key for one in again) == keys
+        assert sorted(frame.key for frame in again) == keys
 
 
 @pytest.mark.parametrize("name", ["coco", "yolo"], ids=["sub-folders", "flat names"])

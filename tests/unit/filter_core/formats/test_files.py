@@ -1,7 +1,5 @@
 """A whole file: it appears when it is complete, and is written through no link."""
 
-from __future__ import annotations
-
 import os
 import stat
 

@@ -1,7 +1,5 @@
 """Reading and writing KITTI: rectangles, 3D boxes, DontCare regions, calibrations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -42,10 +40,10 @@ def test_kitti_line_is_read_as_rectangle_with_kitti_fields(tmp_path):
     source = folder(tmp_path, f"{PEDESTRIAN}\n{REGION}\n")
 
     frames = read_source(source)
-    (one,) = frames
-    parsed = parse_annotation(annotation_of(one))
+    (frame,) = frames
+    parsed = parse_annotation(annotation_of(frame))
 
-    assert (frames.layout, frames.unmatched, one.key) == ("kitti", (), "000000")
+    assert (frames.layout, frames.unmatched, frame.key) == ("kitti", (), "000000")
     (read,) = parsed.boxes
     assert (read.class_name, read.form) == ("Pedestrian", "xyxy")
     assert read.values == (712.4, 143.0, 810.73, 307.92)
@@ -55,7 +53,7 @@ def test_kitti_line_is_read_as_rectangle_with_kitti_fields(tmp_path):
     # The centre is half a height above the bottom; P2's camera is 6 cm to the left.
     centre = [1.84 + 0.0604, 1.47 - 0.945, 8.41 + 0.005]
     assert read.distance == pytest.approx(np.linalg.norm(centre), abs=2e-3)
-    assert annotation_of(one)["dontcare"] == [[5.0, 6.0, 7.0, 9.0]]
+    assert annotation_of(frame)["dontcare"] == [[5.0, 6.0, 7.0, 9.0]]
 
 
 def test_kitti_label_file_round_trips(tmp_path):
@@ -65,17 +63,17 @@ def test_kitti_label_file_round_trips(tmp_path):
 
     lines = files["training/label_2/000000.txt"].decode().splitlines()
     same = [[float(word) for word in line.split()[1:]] for line in lines]
-    given = [[float(w) for w in line.split()[1:]] for line in (PEDESTRIAN, REGION)]
-    assert same == given
+    numbers = [[float(w) for w in line.split()[1:]] for line in (PEDESTRIAN, REGION)]
+    assert same == numbers
     assert lines[0] == PEDESTRIAN
 
 
 @pytest.mark.parametrize("absent", ["0 0 0 0", "-1 -1 -1 -1", "-1.00 -1 -1.0 -1"])
 def test_a_line_with_only_a_3d_box_is_projected(tmp_path, absent):
     bare = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", absent)
-    (one,) = read_source(folder(tmp_path, bare))
+    (frame,) = read_source(folder(tmp_path, bare))
 
-    parsed = parse_annotation(annotation_of(one))
+    parsed = parse_annotation(annotation_of(frame))
     made = frame_boxes_2d(parsed, (1224, 370))
 
     assert parsed.boxes[0].form == "vertices"
@@ -89,9 +87,9 @@ def test_a_line_with_only_a_3d_box_is_projected(tmp_path, absent):
 )
 def test_a_rectangle_without_extent_is_not_replaced_by_the_3d_box(tmp_path, corners):
     line = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", corners)
-    (one,) = read_source(folder(tmp_path, line))
+    (frame,) = read_source(folder(tmp_path, line))
 
-    (box_read,) = annotation_of(one)["boxes"]
+    (box_read,) = annotation_of(frame)["boxes"]
 
     assert box_read["xyxy"] == [float(word) for word in corners.split()]
     assert "vertices" not in box_read
@@ -101,9 +99,9 @@ def test_a_line_without_rectangle_is_an_error_where_it_cannot_be_computed(tmp_pa
     bare = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", "-1 -1 -1 -1")
     source = folder(tmp_path, f"{PEDESTRIAN}\n{bare}")
     (source / "training/calib/000000.txt").unlink()
-    (one,) = read_source(source)
+    (frame,) = read_source(source)
 
-    assert "000000.txt, line 2: expected a rectangle" in str(one.problem)
+    assert "000000.txt, line 2: expected a rectangle" in str(frame.problem)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 30.0, 90.0, 179.0, -120.0])
@@ -135,8 +133,8 @@ def test_car_driving_ahead_has_rotation_y_of_minus_half_pi():
 def test_kitti_3d_columns_and_calibration_are_those_of_the_camera():
     camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HIGH}
     solid = box(0, given={"vertices": AHEAD.tolist()})
-    one = frame("a", solid, annotation={"camera": camera})
-    files = export("kitti", [one], split=1.0)
+    made = frame("a", solid, annotation={"camera": camera})
+    files = export("kitti", [made], split=1.0)
 
     columns = files["training/label_2/000000.txt"].decode().split()
     assert columns[8:11] == ["1.60", "2.00", "4.00"]
@@ -164,10 +162,10 @@ NOT_FINITE = PEDESTRIAN.replace("8.41", "nan")
 def test_invalid_label_or_calibration_is_a_problem_of_its_frame(
     tmp_path, label, calibration, words
 ):
-    (one,) = read_source(folder(tmp_path, f"{label}\n", calibration))
+    (frame,) = read_source(folder(tmp_path, f"{label}\n", calibration))
 
-    assert one.annotation is None
-    assert words in str(one.problem)
+    assert frame.annotation is None
+    assert words in str(frame.problem)
 
 
 def test_calibration_without_label_file_is_listed_as_unmatched(tmp_path):
@@ -176,10 +174,10 @@ def test_calibration_without_label_file_is_listed_as_unmatched(tmp_path):
 
     frames = read_source(source)
 
-    assert [(one.path, one.why) for one in frames.unmatched] == [
+    assert [(file.path, file.why) for file in frames.unmatched] == [
         ("000009.txt", "no label file for this calibration")
     ]
-    assert [annotation_of(one)["boxes"] for one in frames] == [[]]
+    assert [annotation_of(frame)["boxes"] for frame in frames] == [[]]
 
 
 def test_label_folders_of_parts_are_one_recording(tmp_path):
@@ -188,10 +186,10 @@ def test_label_folders_of_parts_are_one_recording(tmp_path):
         files = {"label_2/a.txt": PEDESTRIAN, "image_2/a.png": picture}
         write_files(tmp_path / part, files)
 
-    found = read_source(tmp_path)
+    source = read_source(tmp_path)
 
-    frames = {one.key: annotation_of(one) for one in found}
-    assert (found.layout, found.count, found.unmatched) == ("kitti", 2, ())
-    parts = {key: one["split"] for key, one in frames.items()}
+    frames = {frame.key: annotation_of(frame) for frame in source}
+    assert (source.layout, source.count, source.unmatched) == ("kitti", 2, ())
+    parts = {key: frame["split"] for key, frame in frames.items()}
     assert parts == {"train/a": "train", "val/a": "val"}
-    assert all(len(one["boxes"]) == 1 for one in frames.values())
+    assert all(len(frame["boxes"]) == 1 for frame in frames.values())

@@ -1,7 +1,5 @@
 """A recording in another unit or notation is refused as a whole, until that is said."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -122,62 +120,42 @@ def rectangles(source):
 
 
 @pytest.mark.parametrize(
-    ("write", "convert", "key", "word"),
+    ("write", "convert", "said", "missing"),
     [
-        (yolo, lambda box: percent(centred(box)), "unit", "percent"),
-        (yolo, centred, "unit", "pixels"),
-        (yolo, shares, "corners", "xyxy"),
-        (coco, lambda box: percent(sized(box)), "unit", "percent"),
-        (coco, lambda box: shares(sized(box)), "unit", "shares"),
-        (coco, list, "corners", "xyxy"),
-        (voc, percent, "unit", "percent"),
-        (voc, shares, "unit", "shares"),
-        (voc, sized, "corners", "xywh"),
-        (kitti, percent, "unit", "percent"),
-        (kitti, shares, "unit", "shares"),
-        (kitti, sized, "corners", "xywh"),
-        (manifest("xyxy"), percent, "unit", "percent"),
-        (manifest("xyxyn"), list, "unit", "pixels"),
-        (manifest("xyxy"), sized, "corners", "xywh"),
-        (manifest("cxcywh"), list, "corners", "xyxy"),
+        (yolo, lambda box: percent(centred(box)), "", "unit: percent"),
+        (yolo, centred, "", "unit: pixels"),
+        (yolo, shares, "", "corners: xyxy"),
+        (coco, lambda box: percent(sized(box)), "", "unit: percent"),
+        (coco, lambda box: shares(sized(box)), "", "unit: shares"),
+        (coco, list, "", "corners: xyxy"),
+        (voc, percent, "", "unit: percent"),
+        (voc, shares, "", "unit: shares"),
+        (voc, sized, "", "corners: xywh"),
+        (kitti, percent, "", "unit: percent"),
+        (kitti, shares, "", "unit: shares"),
+        (kitti, sized, "", "corners: xywh"),
+        (manifest("xyxy"), percent, "", "unit: percent"),
+        (manifest("xyxyn"), list, "", "unit: pixels"),
+        (manifest("xyxy"), sized, "", "corners: xywh"),
+        (manifest("cxcywh"), list, "", "corners: xyxy"),
+        (yolo, list, "unit: pixels, ", "corners: xyxy"),
+        (yolo, percent, "unit: percent, ", "corners: xyxy"),
+        (coco, percent, "unit: percent, ", "corners: xyxy"),
     ],
 )
 def test_recording_in_another_unit_or_notation_is_read_as_its_description_says(
-    tmp_path, write, convert, key, word
-):
-    boxes = [convert(box) for box in BOXES]
-    description = f"boxes: {{{key}: {word}}}"
-
-    with pytest.raises(LayoutError) as caught:
-        read_source(recording(tmp_path, write, boxes))
-    described = recording(tmp_path, write, boxes, description)
-
-    assert caught.value.kind == f"wrong_{key}"
-    assert f"`{description}`" in caught.value.detail
-    for found in rectangles(read_source(described)):
-        np.testing.assert_allclose(found, BOXES, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("write", "convert", "said", "missing"),
-    [
-        (yolo, list, "unit: pixels", "corners: xyxy"),
-        (yolo, percent, "unit: percent", "corners: xyxy"),
-        (coco, percent, "unit: percent", "corners: xyxy"),
-    ],
-)
-def test_notation_is_told_in_the_unit_that_is_described(
     tmp_path, write, convert, said, missing
 ):
     boxes = [convert(box) for box in BOXES]
 
     with pytest.raises(LayoutError) as caught:
-        read_source(recording(tmp_path, write, boxes, f"boxes: {{{said}}}"))
-    described = recording(tmp_path, write, boxes, f"boxes: {{{said}, {missing}}}")
+        read_source(recording(tmp_path, write, boxes, said and f"boxes: {{{said}}}"))
+    described = recording(tmp_path, write, boxes, f"boxes: {{{said}{missing}}}")
 
+    assert caught.value.kind == f"wrong_{missing.partition(':')[0]}"
     assert f"`boxes: {{{missing}}}`" in caught.value.detail
-    for found in rectangles(read_source(described)):
-        np.testing.assert_allclose(found, BOXES, atol=1e-9)
+    for xyxy in rectangles(read_source(described)):
+        np.testing.assert_allclose(xyxy, BOXES, atol=1e-9)
 
 
 STARTS = np.linspace(1, 80, 12).tolist()
@@ -209,8 +187,8 @@ def test_share_that_is_the_corner_and_the_size_is_read(tmp_path):
     boxes = [shares(sized(box)) for box in BOXES]
     source = recording(tmp_path, yolo, boxes, "boxes: {corners: xywh}")
 
-    for found in rectangles(read_source(source)):
-        np.testing.assert_allclose(found, BOXES, atol=1e-9)
+    for xyxy in rectangles(read_source(source)):
+        np.testing.assert_allclose(xyxy, BOXES, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Reading manifests: each line is a frame, and a bad line does not stop the others."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -51,12 +49,12 @@ def town(tmp_path):
 
 @pytest.mark.parametrize("kind", FRAME_FILES)
 @pytest.mark.parametrize(
-    "given",
+    "name",
     ["ABSOLUTE", "../private.png", "..\\private.png", "link.png", "out/private.png"],
 )
-def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, given):
-    given = given.replace("ABSOLUTE", str(town.parent / "private.png"))
-    lines = [{**FRAME, "key": "bad", kind: given}, {**FRAME, "image": "in/0.png"}]
+def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, name):
+    name = name.replace("ABSOLUTE", str(town.parent / "private.png"))
+    lines = [{**FRAME, "key": "bad", kind: name}, {**FRAME, "image": "in/0.png"}]
     path = write(town, *map(json.dumps, lines))
 
     bad, good = read_source(path)
@@ -64,15 +62,15 @@ def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, given):
 
     assert str(bad.problem) == (
         f"frames.jsonl, line 1, {kind}: expected a file in the manifest's folder, "
-        f"found {shown(given)}, which is or leads outside; {OUTSIDE_FILES_HINT}"
+        f"found {shown(name)}, which is or leads outside; {OUTSIDE_FILES_HINT}"
     )
     assert (bad.annotation, bad.image, bad.segmentation) == (None, None, None)
     assert bad.others == {}
     assert (good.problem, good.image) == (None, town / "in/0.png")
     named = {"image": allowed.image, "segmentation": allowed.segmentation}
-    found = {**named, **allowed.others}[kind]
-    assert found is not None
-    assert found.samefile(town.parent / "private.png")
+    image = {**named, **allowed.others}[kind]
+    assert image is not None
+    assert image.samefile(town.parent / "private.png")
 
 
 def test_path_that_no_file_can_have_is_the_problem_of_its_frame(tmp_path):
@@ -92,8 +90,8 @@ def test_manifest_that_is_a_link_to_a_file_outside_is_refused(tmp_path):
     with pytest.raises(LayoutError, match=r"manifest\.jsonl, which is or leads out"):
         read_source(tmp_path / "town")
     allowed = RecordingDescription(outside_files=True)
-    assert [one.key for one in read_source(link)] == ["a/0"]
-    assert [one.key for one in read_source(link.parent, options=allowed)] == ["a/0"]
+    assert [frame.key for frame in read_source(link)] == ["a/0"]
+    assert [frame.key for frame in read_source(link.parent, options=allowed)] == ["a/0"]
 
 
 def test_segmentation_paths_are_relative_to_the_given_folder(tmp_path):

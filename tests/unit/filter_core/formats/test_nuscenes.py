@@ -1,7 +1,5 @@
 """Data sets in the tables of nuScenes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -36,7 +34,7 @@ def test_boxes_lie_where_the_devkit_of_nuscenes_projects_them(tmp_path):
     frames = {frame.key.split("/")[0]: frame for frame in recording}
 
     assert (recording.layout, {*frames}) == ("nuscenes", {*BY_DEVKIT})
-    assert [one.path for one in recording.unmatched] == ["samples/1.jpg"]
+    assert [file.path for file in recording.unmatched] == ["samples/1.jpg"]
     for name, frame in frames.items():
         annotation = parse_annotation(annotation_of(frame))
         instance, category, rectangle = BY_DEVKIT[name]

@@ -4,8 +4,6 @@ Tools that are too large to install here are replaced by their rules. `make read
 runs Ultralytics, supervision and Datumaro themselves on an export.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path
@@ -65,7 +63,7 @@ def test_pycocotools_scores_perfect_detections_with_1(tmp_path, capsys):
 
     assert len(loaded.anns) == 25
     assert precision == pytest.approx(1.0)
-    assert [one["name"] for one in loaded.loadCats(loaded.getCatIds())] == list(CLASSES)
+    assert [row["name"] for row in loaded.loadCats(loaded.getCatIds())] == list(CLASSES)
     assert len(loaded.getImgIds()) == len(KEYS)
 
 
@@ -142,7 +140,7 @@ def test_kitti_export_follows_the_development_kit_format():
             assert 0 <= float(left) < float(right) <= 100
             assert 0 <= float(top) < float(bottom) <= 80
             unknown = [*[-1.0] * 3, *[-1000.0] * 3, -10.0]
-            assert [float(one) for one in solid] == unknown
+            assert [float(share) for share in solid] == unknown
             count += 1
     assert stems == [f"{number:06}" for number in range(len(KEYS))]
     assert count == 25

@@ -1,7 +1,5 @@
 """The layout `pairs`: segmentations are found by their folder or the name's end."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -31,14 +29,14 @@ def test_segmentation_is_found_by_folder_or_name_suffix(tmp_path):
     }
     write_files(tmp_path, files)
 
-    found = read_source(tmp_path)
-    first, second = found
+    frames = read_source(tmp_path)
+    first, second = frames
 
-    assert (found.layout, found.count, found.classes) == ("pairs", 2, None)
+    assert (frames.layout, frames.count, frames.classes) == ("pairs", 2, None)
     assert key_and_paths(first) == ("1", tmp_path / "1.png", tmp_path / "1_seg.png")
     assert key_and_paths(second) == ("2", tmp_path / "2.png", tmp_path / "seg/2.png")
     assert (first.annotation, second.annotation) == (BOXES, {"boxes": []})
-    assert [(one.path, one.why) for one in found.unmatched] == [
+    assert [(file.path, file.why) for file in frames.unmatched] == [
         ("9_seg.png", "no image for this segmentation"),
         ("7.json", "no image of this name"),
     ]
@@ -57,11 +55,11 @@ def test_ambiguous_segmentation_name_is_not_assigned(tmp_path):
     names = ("a/1.png", "b/1.png", "b/2.png", "seg/1.png", "seg/b/2.png")
     write_files(tmp_path, dict.fromkeys(names))
 
-    found = read_source(tmp_path)
+    frames = read_source(tmp_path)
 
-    segmentations = {frame.key: frame.segmentation for frame in found}
+    segmentations = {frame.key: frame.segmentation for frame in frames}
     assert segmentations == {"a/1": None, "b/1": None, "b/2": tmp_path / "seg/b/2.png"}
-    assert [one.path for one in found.unmatched] == ["seg/1.png"]
+    assert [file.path for file in frames.unmatched] == ["seg/1.png"]
 
 
 def test_segmentation_and_label_folders_can_be_given(tmp_path):
@@ -96,9 +94,9 @@ def test_invalid_annotation_is_a_problem_of_its_frame(tmp_path, text, words):
 def test_labels_of_other_layouts_are_listed_as_unmatched(tmp_path):
     write_files(tmp_path, {"1.png": None, "1.txt": "0 1 1 1 1", "a.xml": "<a/>"})
 
-    found = read_source(tmp_path, "pairs")
+    frames = read_source(tmp_path, "pairs")
 
-    assert [one.path for one in found.unmatched] == ["1.txt", "a.xml"]
+    assert [file.path for file in frames.unmatched] == ["1.txt", "a.xml"]
 
 
 IDS = np.full((60, 80), 7)
@@ -127,11 +125,11 @@ def test_image_of_tags_is_a_frame_of_its_size_where_there_is_no_picture(
         is_semantic = "sem" in name or "seg/" in name
         write_files(tmp_path, {name: SEGMENTATION if is_semantic else INSTANCES})
 
-    found = read_source(tmp_path)
-    (frame,) = found
+    frames = read_source(tmp_path)
+    (frame,) = frames
     outcome = filter_one(frame, FilterConfig(evidence="auto"))
 
-    assert (found.count, found.unmatched, frame.key) == (1, (), key)
+    assert (frames.count, frames.unmatched, frame.key) == (1, (), key)
     assert frame.image is None
     assert outcome.decisions is not None, outcome.error
     (decision,) = outcome.decisions
@@ -144,10 +142,10 @@ def test_images_of_tags_beside_pictures_are_no_frames(tmp_path):
     tags = dict.fromkeys(("inst/1.png", "inst/2.png"), INSTANCES)
     write_files(tmp_path, {"rgb/1.png": None, **tags})
 
-    found = read_source(tmp_path)
+    frames = read_source(tmp_path)
 
-    assert [frame.key for frame in found] == ["rgb/1"]
-    assert [one.path for one in found.unmatched] == ["inst/2.png"]
+    assert [frame.key for frame in frames] == ["rgb/1"]
+    assert [file.path for file in frames.unmatched] == ["inst/2.png"]
 
 
 @pytest.mark.parametrize("kind", ["inst", "seg"])
@@ -164,11 +162,11 @@ def test_labels_without_pictures_have_the_size_of_their_image_of_tags(
     content = INSTANCES if kind == "inst" else SEGMENTATION
     write_files(tmp_path, {**labels, f"{kind}/{number}.png": content})
 
-    found = read_source(tmp_path, layout)
-    (frame,) = found
+    frames = read_source(tmp_path, layout)
+    (frame,) = frames
     outcome = filter_one(frame, FilterConfig(evidence="auto", palette="carla-0.9.14"))
 
-    assert found.unmatched == ()
+    assert frames.unmatched == ()
     assert outcome.decisions is not None, outcome.error
     (decision,) = outcome.decisions
     by = ("instance",) if kind == "inst" else ("semantic", "ordered")

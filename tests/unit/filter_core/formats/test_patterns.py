@@ -1,7 +1,5 @@
 """Patterns of paths: which files a recording's frames have, by its description."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -62,7 +60,7 @@ def test_files_belong_together_by_the_names_that_their_patterns_share(tmp_path):
     assert left.others == right.others == {"lidar": tmp_path / "lidar/0007.ply"}
     assert (annotation_of(left), right.segmentation) == (BOXES, None)
     assert annotation_of(right) == {"boxes": []}
-    assert {one.path: one.why for one in pairs.unmatched} == {
+    assert {file.path: file.why for file in pairs.unmatched} == {
         "other.png": "no pattern of `files` fits it",
         "SEG_left/8.png": "no image for this segmentation",
     }
@@ -89,7 +87,7 @@ def test_most_specific_pattern_wins_and_key_says_how_frames_are_called(tmp_path)
     assert (first.key, second.key) == ("1 of a", "1 of b")
     assert first.segmentation == tmp_path / "a/1_seg.png"
     assert (annotation_of(first), annotation_of(second)) == ({"boxes": []}, BOXES)
-    assert [one.path for one in frames.unmatched] == ["2.json"]
+    assert [file.path for file in frames.unmatched] == ["2.json"]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Recordings of public recorders are read without a description and without options."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import itertools
@@ -181,7 +179,7 @@ def test_recording_is_recognised_and_its_recorder_is_said(tmp_path, name, folder
     key, class_name, values = READ[name]
     assert frames.notes()[0].startswith(f"recognised as a recording of {name}")
     assert frame.key.endswith(key)
-    assert [one.path for one in frames.unmatched] == []
+    assert [file.path for file in frames.unmatched] == []
     (box,) = annotation_of(frame)["boxes"]
     assert box["class"] == class_name
     assert values.items() <= box.items()
@@ -203,7 +201,7 @@ def test_description_of_a_recorder_is_written_and_read_back(tmp_path, name):
 
 
 def test_every_recorder_that_ships_is_tested():
-    assert {one.name.split(" (")[0] for one in recorders()} == {*RECORDED}
+    assert {recorder.name.split(" (")[0] for recorder in recorders()} == {*RECORDED}
 
 
 @pytest.mark.parametrize(
@@ -240,8 +238,8 @@ def test_recorded_npz_boxes_have_the_verdicts_that_were_counted():
     outcomes = filter_source(read_source(folder), config, workers=1)
 
     verdicts = {
-        one.key: Counter(each["verdict"] for each in one.decisions or ())
-        for one in outcomes
+        outcome.key: Counter(each["verdict"] for each in outcome.decisions or ())
+        for outcome in outcomes
     }
     assert verdicts == {
         "20191104-142916": {"kept": 25, "rejected": 46},
@@ -267,10 +265,10 @@ def test_recorded_3d_boxes_lie_where_their_cameras_show_them(below):
         tags = pixels_of(frame.segmentation.read_bytes())
         tags = tags if tags.ndim == 2 else tags[..., 0]
         xyxy = frame_boxes_2d(annotation, (1280, 640)).xyxy
-        found = [pixels(one) for one in xyxy]
+        areas = [pixels(row) for row in xyxy]
         shares = [
             np.isin(tags[rows, columns], TAGS[box.class_name or ""]).mean()
-            for box, (rows, columns) in zip(annotation.boxes, found, strict=True)
+            for box, (rows, columns) in zip(annotation.boxes, areas, strict=True)
             if tags[rows, columns].size
         ]
         camera = frame.key.split("/")[-2]
@@ -331,7 +329,7 @@ def test_tracks_of_kitti_belong_to_the_frames_of_their_sequence(tmp_path):
     frames = {frame.key: annotation_of(frame) for frame in recording}
 
     assert [*frames] == [*names[:3]]
-    assert [one.path for one in recording.unmatched] == ["image_02/0002/000000.png"]
+    assert [file.path for file in recording.unmatched] == ["image_02/0002/000000.png"]
     first, second, third = frames.values()
     assert first["boxes"] == [{**TRACK, "class": "Car"}]
     assert first["dontcare"] == [[219.5, 188.5, 245.5, 218.5]]
@@ -423,4 +421,4 @@ def test_recorders_that_write_a_usual_format_need_no_description(tmp_path, layou
     name = "Car" if layout == "kitti" else "vehicle"
     assert (recording.layout, box.class_name) == (layout, name)
     assert xyxy.tolist() == [[503.25, 310.5, 511.75, 321.125]]
-    assert [one.path for one in recording.unmatched] == []
+    assert [file.path for file in recording.unmatched] == []

@@ -1,7 +1,5 @@
 """The description of a recording: from its file and from options, into readers."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.annotation.parsing import parse_annotation
@@ -191,5 +189,5 @@ def test_empty_description_changes_nothing(tmp_path):
 def test_layouts_are_the_formats_that_can_be_read():
     assert list(LAYOUTS) == [
         "auto",
-        *(name for name, one in FORMATS.items() if one.read),
+        *(name for name, form in FORMATS.items() if form.read),
     ]

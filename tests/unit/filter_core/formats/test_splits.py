@@ -1,7 +1,5 @@
 """The parts of a recording: read from lists, COCO's files and folders, and made."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 
@@ -57,7 +55,7 @@ def yolo(*stems, labels="labels"):
 def parts_of(folder, **options):
     """The part of each frame by its key."""
     frames = read_source(folder, options=RecordingDescription(**options))
-    return {one.key: (one.annotation or {}).get("split") for one in frames}
+    return {frame.key: (frame.annotation or {}).get("split") for frame in frames}
 
 
 @pytest.mark.parametrize(
@@ -137,12 +135,12 @@ def test_parts_are_read_from_lists_files_of_labels_and_folders(tmp_path, files, 
     write_files(tmp_path, files)
 
     frames = read_source(tmp_path)
-    read = {one.key: (one.annotation or {}).get("split") for one in frames}
+    read = {frame.key: (frame.annotation or {}).get("split") for frame in frames}
 
     assert read == {key.removeprefix("training/"): part for key, part in parts.items()}
     said = Counter(filter(None, parts.values()))
     note = ", ".join(f"{name} {count}" for name, count in said.items())
-    assert any(note in one for one in frames.notes()) == bool(said)
+    assert any(note in text for text in frames.notes()) == bool(said)
 
 
 def test_description_says_what_tells_the_parts(tmp_path):
@@ -212,34 +210,34 @@ SHARES = st.sampled_from([(0.8, 0.1, 0.1), (0.5, 0.5), (0.7,), (0.2, 0.6, 0.2)])
 def test_numbered_sequences_of_a_map_get_their_shares_and_stay_whole(
     shares, first, count, town, word
 ):
-    asked = shares_of(shares)
+    share_of = shares_of(shares)
     parts = {}
     for number in range(first, first + count):
         drive = f"{word}{number}"
         of_drive = {
-            part_by_shares(f"{drive}/{camera}{frame:06}", town, None, asked)
+            part_by_shares(f"{drive}/{camera}{frame:06}", town, None, share_of)
             for frame in (0, 1, 9999)
             for camera in ("", "front/")
         }
         (parts[drive],) = of_drive  # a sequence is never on two sides
     # What is put in alone, or with others, has the same part: names alone decide.
     counts = Counter(parts.values())
-    for part, share in asked.items():
+    for part, share in share_of.items():
         # Of 300,000 counts, the worst was off by 2.5; chance would be off by 10.
         assert abs(counts[part] - share * count) <= 3
 
 
 @given(shares=SHARES, count=st.integers(30, 300), seed=st.integers(0, 100))
 def test_sequences_without_numbers_get_about_their_shares(shares, count, seed):
-    asked = shares_of(shares)
+    share_of = shares_of(shares)
     words = [
         f"{'xyz'[n % 3]}{n * 7919 + seed:b}".translate({48: "a", 49: "b"})
         for n in range(count)
     ]
 
-    counts = Counter(part_by_shares(f"{word}/1", "T", None, asked) for word in words)
+    counts = Counter(part_by_shares(f"{word}/1", "T", None, share_of) for word in words)
 
-    for part, share in asked.items():
+    for part, share in share_of.items():
         assert abs(counts[part] / count - share) < 2.5 / count**0.5
 
 
@@ -257,7 +255,7 @@ def test_asked_shares_replace_parts_and_are_counted(tmp_path):
     assert sum(counts["sequences"].values()) == 10
     for name, drives in counts["sequences"].items():
         images = json.loads(files[f"annotations/instances_{name}.json"])["images"]
-        assert len({one["key"].split("/")[0] for one in images}) == drives
+        assert len({image["key"].split("/")[0] for image in images}) == drives
         assert len(images) == 3 * drives == counts["frames"][name]
 
 
@@ -271,7 +269,7 @@ def of_towns(counts):
 
 def parts_of_towns(files):
     lines = map(json.loads, files["frames.jsonl"].decode().splitlines())
-    return Counter((one["map"], one["part"]) for one in lines)
+    return Counter((line["map"], line["part"]) for line in lines)
 
 
 @pytest.mark.parametrize(

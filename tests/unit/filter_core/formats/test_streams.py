@@ -1,7 +1,5 @@
 """Which images of a folder are frames, and which belong to one."""
 
-from __future__ import annotations
-
 import json
 from itertools import product
 
@@ -98,10 +96,10 @@ def test_pixels_tell_what_carla_and_its_users_write(tmp_path):
     ]  # fmt: skip
 
 
-def frames_of(found):
+def frames_of(recording):
     """Each frame's key, and its auxiliary images relative to the folder."""
     frames = {}
-    for frame in found:
+    for frame in recording:
         files = {"segmentation": frame.segmentation, **frame.others}
         root = frame.image.parents[len(frame.key.split("/")) - 1]
         frames[frame.key] = {
@@ -139,13 +137,13 @@ def test_segmentation_is_told_by_words_of_its_path(tmp_path, key, segmentation):
     (tmp_path / "training").mkdir(exist_ok=True)
     write_files(tmp_path, {segmentation: png(painted(street_tags()))})
 
-    found = read_source(tmp_path)
-    (frame,) = found
+    recording = read_source(tmp_path)
+    (frame,) = recording
 
     assert frame.key == key
     assert frame.segmentation is not None
     assert frame.segmentation.samefile(tmp_path / segmentation)
-    assert found.unmatched == ()
+    assert recording.unmatched == ()
 
 
 def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
@@ -157,11 +155,11 @@ def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
         write_files(tmp_path, {name: contents[kind] for name, kind in names.items()})
     write_files(tmp_path, {"front/depth/000000.png": png(depth())})
 
-    found = read_source(tmp_path)
-    frames = frames_of(found)
+    recording = read_source(tmp_path)
+    frames = frames_of(recording)
 
     assert len(frames) == 12
-    assert found.unmatched == ()
+    assert recording.unmatched == ()
     assert frames["front/rgb/000000"]["depth"] == "front/depth/000000.png"
     left = frames["left/rgb/000000"]
     assert left == {
@@ -201,15 +199,15 @@ def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
 def test_pixels_decide_where_names_say_nothing(tmp_path, files, expected):
     write_files(tmp_path, {name: png(pixels) for name, pixels in files.items()})
 
-    found = read_source(tmp_path)
-    frames = frames_of(found)
+    recording = read_source(tmp_path)
+    frames = frames_of(recording)
 
     assert frames == expected
     used = {f"{key}.png" for key in frames}
-    used |= {path for one in frames.values() for path in one.values()}
+    used |= {path for frame in frames.values() for path in frame.values()}
     unused = {name.replace("images/", "") for name in files} - used
-    assert {one.path for one in found.unmatched} == unused
-    assert all(one.why for one in found.unmatched)
+    assert {file.path for file in recording.unmatched} == unused
+    assert all(file.why for file in recording.unmatched)
 
 
 def test_auxiliary_images_are_no_images_of_labels(tmp_path):
@@ -250,15 +248,15 @@ def test_carlasimu_finds_its_folder_with_a_backslash_from_both_folders(tmp_path)
                          ("i-rgb-semantic", 1)],
 )  # fmt: skip
 def test_cameras_of_a_case_are_told_apart(case, frames):
-    found = read_source(shared(f"cases/18-cameras/{case}"))
+    recording = read_source(shared(f"cases/18-cameras/{case}"))
 
-    outcomes = list(filter_source(found, FilterConfig()))
+    outcomes = list(filter_source(recording, FilterConfig()))
     verdicts = {
-        one.key: {each["id"]: each["verdict"] for each in one.decisions or ()}
-        for one in outcomes
+        outcome.key: {each["id"]: each["verdict"] for each in outcome.decisions or ()}
+        for outcome in outcomes
     }
 
-    assert found.unmatched == ()
+    assert recording.unmatched == ()
     assert len(verdicts) == frames
     for key, boxes in verdicts.items():
         first = next(iter(boxes.values()))
@@ -292,11 +290,11 @@ def test_names_that_differ_by_an_ending_are_two_streams(
         write_files(tmp_path, {f"{key}.{suffix}": encode(photo())})
         write_files(tmp_path, {tags: png(raw_tags())})
 
-    found = read_source(tmp_path)
+    recording = read_source(tmp_path)
 
     expected = {key: {"segmentation": tags} for key, tags in pairs.items()}
-    assert frames_of(found) == expected
-    assert found.unmatched == ()
+    assert frames_of(recording) == expected
+    assert recording.unmatched == ()
 
 
 def test_pictures_that_differ_by_an_ending_are_all_frames(tmp_path):
@@ -314,24 +312,24 @@ def test_folders_of_many_scenes_share_their_looks(tmp_path, kinds_first):
             folder = f"{kind}/{scene}" if kinds_first else f"{scene}/{kind}"
             write_files(tmp_path, {f"{folder}/{n}.png": png(pixels) for n in (1, 2)})
 
-    found = read_source(tmp_path)
-    frames = frames_of(found)
+    recording = read_source(tmp_path)
+    frames = frames_of(recording)
 
     assert len(frames) == 2 * len(scenes)
     for key, files in frames.items():
         assert files == {"segmentation": f"{key.replace('pic', 'gt')}.png"}
-    assert found.unmatched == ()
-    assert "were not looked at" in " ".join(found.notes())
+    assert recording.unmatched == ()
+    assert "were not looked at" in " ".join(recording.notes())
 
 
 def test_a_segmentation_that_could_be_of_two_pictures_is_of_none(tmp_path):
     files = {f"{camera}/1.png": png(photo()) for camera in ("front", "left")}
     write_files(tmp_path, {**files, "gt/1.png": png(raw_tags())})
 
-    found = read_source(tmp_path)
+    recording = read_source(tmp_path)
 
-    assert frames_of(found) == {"front/1": {}, "left/1": {}}
-    (left,) = found.unmatched
+    assert frames_of(recording) == {"front/1": {}, "left/1": {}}
+    (left,) = recording.unmatched
     assert left.path == "gt/1.png"
     assert "2 frames are called like it" in left.why
 
@@ -343,10 +341,10 @@ def test_a_folder_whose_images_all_have_other_looks_is_not_read_whole(tmp_path):
     files = dict.fromkeys(names, picture) | {names[0]: tags}
     write_files(tmp_path, {f"{name}.png": files[name] for name in names})
 
-    found = read_source(tmp_path)
+    recording = read_source(tmp_path)
 
-    assert len(list(found)) == 399
-    (note,) = found.notes()
+    assert len(list(recording)) == 399
+    (note,) = recording.notes()
     assert note.startswith("144 images, such as ")
     assert "their names alone" in note
 
@@ -356,10 +354,10 @@ def test_a_grey_picture_among_pictures_costs_no_look_at_each(tmp_path):
     files = {f"images/{n:04}.png": png(photo()[:8]) for n in range(300)}
     write_files(tmp_path, {**files, "images/0150.png": png(photo(grey=True))})
 
-    found = read_source(tmp_path)
+    recording = read_source(tmp_path)
 
-    assert len(list(found)) == 300
-    assert found.notes() == ()
+    assert len(list(recording)) == 300
+    assert recording.notes() == ()
 
 
 def _coco(*names):
@@ -377,7 +375,7 @@ def _cvat(*names):
 
 def _tasks(*names):
     done = [{"result": ()}]
-    tasks = ({"data": {"image": f"{one}.png"}, "annotations": done} for one in names)
+    tasks = ({"data": {"image": f"{name}.png"}, "annotations": done} for name in names)
     return json.dumps([*tasks])
 
 
@@ -437,9 +435,9 @@ def test_description_says_roles_in_every_layout_whatever_names_say(tmp_path, lay
     view = tmp_path / "semantic/view 0 of front.png"
     assert front.others == {"depth": view, "lidar": tmp_path / "scans/front_0.ply"}
     assert left.others == {"lidar": tmp_path / "scans/left_0.ply"}
-    told = {(one.role, one.images) for one in recording.streams if one.told_by}
+    told = {(each.role, each.images) for each in recording.streams if each.told_by}
     assert {("segmentation", 2), ("depth", 1), ("lidar", 2)} <= told
-    assert sum(one.images for one in recording.streams if one.role == "image") == 2
+    assert sum(each.images for each in recording.streams if each.role == "image") == 2
 
 
 @pytest.mark.parametrize("layout", ["coco", "cvat", "label-studio"])
@@ -477,12 +475,12 @@ def test_described_pictures_share_what_their_names_in_braces_say(tmp_path, layou
     front, left = recording
 
     lidar, depth = tmp_path / "scan/7.ply", tmp_path / "depth/left/07.png"
-    assert [one.image for one in recording] == [tmp_path / name for name in pictures]
+    assert [each.image for each in recording] == [tmp_path / name for name in pictures]
     assert front.segmentation == tmp_path / "rgb/7_front.png"
     assert left.segmentation == tmp_path / "rgb/7_left.png"
     assert front.others == {"lidar": lidar}
     assert left.others == {"depth": depth, "lidar": lidar}
-    assert [one.path for one in recording.unmatched] == ["rgb/8_left.png"]
+    assert [file.path for file in recording.unmatched] == ["rgb/8_left.png"]
 
 
 def test_described_pictures_of_kitti_may_be_in_another_folder(tmp_path):
@@ -535,15 +533,15 @@ def test_stream_is_what_its_pattern_matches_unless_another_is_more_specific(
 
     streams = Streams(tmp_path).facts
 
-    assert {one.pattern for one in streams} == patterns
-    found = [FilePattern(one.pattern) for one in streams if one.pattern is not None]
+    assert {each.pattern for each in streams} == patterns
+    parsed = [FilePattern(each.pattern) for each in streams if each.pattern is not None]
     of_pattern: dict[str, list[str]] = {}
     for name in names:
-        matching = [pattern for pattern in found if pattern.match(name) is not None]
+        matching = [pattern for pattern in parsed if pattern.match(name) is not None]
         for best in sorted(matching, key=lambda pattern: -pattern.fixed)[:1]:
             of_pattern.setdefault(best.text, []).append(name)
     assert {text: (len(all_), all_[0]) for text, all_ in of_pattern.items()} == {
-        one.pattern: (one.images, one.example) for one in streams if one.pattern
+        each.pattern: (each.images, each.example) for each in streams if each.pattern
     }
 
 

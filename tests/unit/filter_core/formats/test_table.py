@@ -1,7 +1,5 @@
 """The layout `table`: boxes as rows of CSV, TSV, JSON, JSON Lines or NPZ."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import json
@@ -32,7 +30,7 @@ IMAGES = dict.fromkeys(("rgb/0007.png", "rgb/0008.png", "rgb/0009.png"))
 
 def delimited(rows, delimiter=","):
     lines = [delimiter.join(rows[0])]
-    lines += [delimiter.join(str(one) for one in row.values()) for row in rows]
+    lines += [delimiter.join(str(cell) for cell in row.values()) for row in rows]
     return "\n".join(lines) + "\n"
 
 
@@ -121,7 +119,7 @@ def test_a_file_holds_the_boxes_of_one_frame(tmp_path, name):
     frames = read(tmp_path, files, "layout: table")
     (boxes,) = boxes_of(frames).values()
     assert ids_as_text(boxes) == ids_as_text(BOXES["7"])
-    assert [one.path for one in frames.unmatched] == ["rgb/0008.png", "rgb/0009.png"]
+    assert [file.path for file in frames.unmatched] == ["rgb/0008.png", "rgb/0009.png"]
 
 
 @pytest.mark.parametrize(
@@ -254,7 +252,7 @@ def test_rows_of_no_frame_are_listed_with_their_place(tmp_path):
 
     frames = read(tmp_path, {**IMAGES, "boxes.csv": text})
 
-    assert [(one.path, one.why) for one in frames.unmatched] == [
+    assert [(file.path, file.why) for file in frames.unmatched] == [
         ("boxes.csv", 'no image of frame "12" (1 rows, the first is boxes.csv, row 3)'),
         ("boxes.csv", "no frame (1 rows, the first is boxes.csv, row 5)"),
     ]

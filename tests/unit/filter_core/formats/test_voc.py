@@ -1,7 +1,5 @@
 """Reading Pascal VOC files: corners, sizes, and messages about faults."""
 
-from __future__ import annotations
-
 import pytest
 
 from filter_core.errors import LayoutError
@@ -34,7 +32,8 @@ def read_all(folder, options=None):
     """The rectangles of each frame of a folder, and the notes about it."""
     frames = read_source(folder, options=options)
     rectangles = {
-        one.key: [box["xyxy"] for box in annotation_of(one)["boxes"]] for one in frames
+        frame.key: [box["xyxy"] for box in annotation_of(frame)["boxes"]]
+        for frame in frames
     }
     return rectangles, frames.notes()
 
@@ -112,12 +111,12 @@ def test_images_of_one_name_in_two_folders_are_two_frames(tmp_path):
     tags = ("seg/front/1.png", "seg/left/1.png")
     write_files(tmp_path, dict.fromkeys((*names, *tags)))
 
-    found = read_source(tmp_path)
+    frames = read_source(tmp_path)
 
-    assert found.unmatched == ()
+    assert frames.unmatched == ()
     expected = dict(zip(labels, (tmp_path / name for name in names), strict=True))
-    assert {one.key: one.image for one in found} == expected
-    assert [one.segmentation for one in found] == [tmp_path / name for name in tags]
+    assert {each.key: each.image for each in frames} == expected
+    assert [each.segmentation for each in frames] == [tmp_path / name for name in tags]
 
 
 def test_xml_text_is_unescaped_and_comments_are_ignored():

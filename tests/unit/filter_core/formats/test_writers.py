@@ -1,7 +1,5 @@
 """Exports of YOLO and of decisions: files, chosen boxes, counts and safe names."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -121,10 +119,6 @@ def test_include_options_select_the_exported_boxes(options, out):
 SELECTING = [n for n in EXPORT_FORMATS if "include" in FORMATS[n].options]
 
 
-def images_of(files):
-    return [name for name in files if name.endswith(".png")]
-
-
 @pytest.mark.parametrize("form", SELECTING)
 def test_frame_with_an_unmeasured_box_is_written_or_left_out_as_a_whole(form):
     frames = [
@@ -137,7 +131,8 @@ def test_frame_with_an_unmeasured_box_is_written_or_left_out_as_a_whole(form):
     usual = exporting.export(form, frames)
     without = exporting.export(form, frames, include_unmeasured=False)
 
-    assert [len(images_of(files)) for files in (usual, without)] == [4, 3]
+    for files, count in ((usual, 4), (without, 3)):
+        assert sum(name.endswith(".png") for name in files) == count
     assert not any("part" in name for name in without)
     counts, fewer = manifest_of(usual)["counts"], manifest_of(without)["counts"]
     assert (counts["boxes"]["out"], counts["unmeasured"]) == (4, {"written": 1})
@@ -211,7 +206,7 @@ def test_class_missing_in_the_class_list_fails_the_export():
 
 
 LABELS = [
-    name for name, one in FORMATS.items() if "allow_missing_images" in one.options
+    name for name, form in FORMATS.items() if "allow_missing_images" in form.options
 ]
 
 
@@ -228,7 +223,7 @@ def test_frame_without_image_is_left_out_of_labels_unless_it_is_asked_for(form):
 
     assert manifest_of(usual)["counts"]["frames"]["left_out"] == 1
     assert manifest_of(usual)["counts"]["not_kept_by_reason"] == {"no_image": 2}
-    assert [one["box"] for one in manifest_of(usual)["boxes"]] == ["0", "1"]
+    assert [box["box"] for box in manifest_of(usual)["boxes"]] == ["0", "1"]
     for files in (every, alone):
         assert "left_out" not in manifest_of(files)["counts"]["frames"]
         assert manifest_of(files)["counts"]["boxes"]["out"] == 2

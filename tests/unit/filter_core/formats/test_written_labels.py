@@ -1,7 +1,5 @@
 """The files of each export format follow the format's own specification exactly."""
 
-from __future__ import annotations
-
 import json
 
 import defusedxml.ElementTree as ElementTree
@@ -32,12 +30,12 @@ def test_coco_export_has_ids_from_one_and_xywh_boxes():
     files = export("coco", [frame("a/7", box(0), walker), frame("b", CLIPPED)], split=1)
     made = document(files, COCO_TRAIN)
 
-    categories = [(one["id"], one["name"]) for one in made["categories"]]
+    categories = [(category["id"], category["name"]) for category in made["categories"]]
     assert categories == [*enumerate(HEAD.classes, 1)]
-    images = [(one["id"], one["file_name"]) for one in made["images"]]
+    images = [(image["id"], image["file_name"]) for image in made["images"]]
     assert images == [(1, "a/7.png"), (2, "b.png")]
     keys = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "segmentation")
-    rows = [tuple(one[key] for key in keys) for one in made["annotations"]]
+    rows = [tuple(row[key] for key in keys) for row in made["annotations"]]
     assert rows == [
         (1, 1, 1, [10.0, 20.0, 20.0, 40.0], 800.0, 0, []),
         (2, 1, 3, [10.0, 20.0, 20.0, 40.0], 800.0, 0, []),
@@ -48,12 +46,12 @@ def test_coco_export_has_ids_from_one_and_xywh_boxes():
 
 def test_coco_export_keeps_coco_keys_of_the_input():
     outline = [[1, 2, 3, 4, 5, 6]]
-    given = {"area": 17.5, "ignore": 0, "track": 3, "segmentation": outline}
-    files = export("coco", [frame("a", box("x", given=given, distance=12.5))], split=1)
+    fields = {"area": 17.5, "ignore": 0, "track": 3, "segmentation": outline}
+    files = export("coco", [frame("a", box("x", given=fields, distance=12.5))], split=1)
 
     (row,) = document(files, COCO_TRAIN)["annotations"]
 
-    assert {key: row[key] for key in given} == given
+    assert {key: row[key] for key in fields} == fields
     assert row["attributes"] == {"id": "x", "distance": 12.5}
 
 
@@ -105,9 +103,9 @@ def test_kitti_export_has_15_columns_and_defaults_for_unknown_values():
 
 def test_kitti_export_ignores_invalid_values_under_its_keys():
     """Any sender may use these keys, so their values need not be KITTI's."""
-    given = {"kitti": {"alpha": "north", "dimensions": ["a", "b", "c"]}}
+    fields = {"kitti": {"alpha": "north", "dimensions": ["a", "b", "c"]}}
     beside = {"dontcare": [["left", "top", "right", "bottom"], [1, 2, 3, 4]]}
-    made = frame("a", box(0, given=given), annotation=beside)
+    made = frame("a", box(0, given=fields), annotation=beside)
 
     files = export("kitti", [made], split=1.0)
 
@@ -129,8 +127,8 @@ def test_kitti_types_are_unique_and_without_spaces():
 
 def test_coco_export_of_tight_boxes_has_no_outline_of_another_rectangle():
     outline = [[0, 0, 90, 0, 90, 70, 0, 70]]
-    given = {"xyxy": [0, 0, 90, 70], "area": 6300.0, "segmentation": outline}
-    tight = box(0, (0, 0, 90, 70), given=given, tight_xyxy=[10, 10, 30, 30])
+    fields = {"xyxy": [0, 0, 90, 70], "area": 6300.0, "segmentation": outline}
+    tight = box(0, (0, 0, 90, 70), given=fields, tight_xyxy=[10, 10, 30, 30])
 
     for boxes, seen in (("visible", (6300.0, outline)), ("tight", (400.0, []))):
         files = export("coco", [frame("a", tight)], split=1.0, boxes=boxes)
@@ -169,14 +167,14 @@ def test_voc_export_uses_integer_pixels_from_one(xyxy, voc):
 
 
 def test_voc_export_has_a_file_per_image_and_flags_of_0_or_1():
-    known = {"pose": "Left", "difficult": 1, "occluded": 1}
+    fields = {"pose": "Left", "difficult": 1, "occluded": 1}
     flags = {"truncated": True, "difficult": 0.35, "occluded": None, "pose": {"x": 1}}
-    boxes = [box(0, given=known), CLIPPED, box(1, given=flags)]
+    boxes = [box(0, given=fields), CLIPPED, box(1, given=flags)]
     files = export("voc", [frame("a", *boxes), frame("b/c")], split=1.0)
 
     root = elements(files, "Annotations/a.xml")
     keys = ("pose", "truncated", "difficult", "occluded")
-    assert [[one.findtext(key) for key in keys] for one in root.iter("object")] == [
+    assert [[row.findtext(key) for key in keys] for row in root.iter("object")] == [
         ["Left", "0", "1", "1"],
         ["Unspecified", "1", "0", "0"],
         ["Unspecified", "1", "0", "0"],
@@ -192,14 +190,14 @@ def test_cvat_export_contains_verdict_and_reason_of_each_box():
     root = elements(files, "annotations.xml")
 
     assert root.findtext("version") == "1.1"
-    assert [one.findtext("name") for one in root.iter("label")] == list(HEAD.classes)
+    assert [each.findtext("name") for each in root.iter("label")] == list(HEAD.classes)
     (image,) = root.iter("image")
     size = {"width": "100", "height": "80"}
     assert image.attrib == {"id": "0", "name": "a%3Cb.png", "subset": "train", **size}
     first, second = image.iter("box")
     corners = [first.attrib[key] for key in ("xtl", "ytl", "xbr", "ybr")]
     assert corners == ["0.00", "20.00", "30.00", "60.00"]
-    said = {one.attrib["name"]: one.text for one in second.iter("attribute")}
+    said = {row.attrib["name"]: row.text for row in second.iter("attribute")}
     assert said == {"id": "ghost", "verdict": "rejected", "reason": "below_threshold"}
 
 
@@ -213,7 +211,7 @@ def test_label_studio_has_the_whole_labelling_and_what_the_filter_says():
     task, done = document(files, "tasks.json")
 
     # A frame without an annotation would not be labelled yet.
-    assert [one["result"] for one in done["annotations"]] == [[]]
+    assert [annotation["result"] for annotation in done["annotations"]] == [[]]
 
     assert task["data"]["image"] == "/data/local-files/?d=images/a%20b.png"
     (prediction,) = task["predictions"]
@@ -223,15 +221,15 @@ def test_label_studio_has_the_whole_labelling_and_what_the_filter_says():
     percent = {"x": 10.0, "y": 25.0, "width": 20.0, "height": 50.0}
     assert region["value"] == {**percent, "rotation": 0, "rectanglelabels": ["car"]}
     (annotation,) = task["annotations"]
-    people = {one["id"]: one["origin"] for one in annotation["result"]}
+    people = {box["id"]: box["origin"] for box in annotation["result"]}
     assert people == {"0": "prediction", "p": "manual"}
     labels = elements(files, "label_config.xml").iter("Label")
-    assert [one.attrib["value"] for one in labels] == list(HEAD.classes)
+    assert [label.attrib["value"] for label in labels] == list(HEAD.classes)
 
 
 def test_manifest_export_returns_the_input_without_rejected_boxes():
-    given = {"id": "7", "cxcywhn": [0.5, 0.5, 0.1, 0.1], "mine": {"deep": [1]}}
-    kept = box("7", given=given)
+    fields = {"id": "7", "cxcywhn": [0.5, 0.5, 0.1, 0.1], "mine": {"deep": [1]}}
+    kept = box("7", given=fields)
     own = {"weather": {"fog_density": 2.0}, "mine": 1}
     annotation = {**own, "boxes": ["all of them"]}
     files = export("manifest", [frame("a/b", kept, GHOST, annotation=annotation)])
@@ -276,7 +274,7 @@ def test_missing_tight_rectangle_falls_back_to_visible_and_is_counted():
 
     made = document(files, COCO_TRAIN)["annotations"]
 
-    assert [one["bbox"][:2] for one in made] == [[12.0, 22.0], [10.0, 20.0]]
+    assert [row["bbox"][:2] for row in made] == [[12.0, 22.0], [10.0, 20.0]]
     counts = document(files, "manifest.json")["counts"]
     assert counts["rectangles"] == {"tight": 1, "visible": 1}
     assert counts["boxes"]["clipped"] == 0
@@ -322,9 +320,9 @@ def came_as(name, key="a", class_name="car", **stored):
     labels = {"format": name, "file": "000007.txt", "text": OWN_TEXT[name], **stored}
     boxes = [box(0, class_name=class_name), box(1, (50, 10, 70, 30), "rejected")]
     if name == "yolo":
-        for one, shares in zip(boxes, OWN_SHARES, strict=True):
-            del one.given["xyxy"]
-            one.given["cxcywhn"] = list(map(float, shares.split()[1:5]))
+        for each, shares in zip(boxes, OWN_SHARES, strict=True):
+            del each.given["xyxy"]
+            each.given["cxcywhn"] = list(map(float, shares.split()[1:5]))
     return frame(key, *boxes, annotation={"source_labels": labels})
 
 
@@ -381,7 +379,7 @@ def test_other_labels_than_those_of_the_boxes_are_not_written(name, changed):
     other = came_as(name)
     other.given.frame["source_labels"].update(changed)
 
-    files = [export(name, [one]) for one in (plain, other)]
+    files = [export(name, [frame]) for frame in (plain, other)]
 
     assert labels_of(files[0]) == labels_of(files[1])
     assert "frames_as_they_came" not in document(files[1], "manifest.json")
@@ -390,21 +388,21 @@ def test_other_labels_than_those_of_the_boxes_are_not_written(name, changed):
 def test_coco_export_has_own_ids_where_they_are_different():
     person = {"id": 90, "name": "walker", "supercategory": "person"}
     stored = {"format": "coco", "image_id": 7, "categories": {"walker": person}}
-    given = {"id": "31", "xywh": [10, 20.0, 20, 40], "track": 3}
+    fields = {"id": "31", "xywh": [10, 20.0, 20, 40], "track": 3}
     frames = [
         frame(key, walker, annotation={"source_labels": stored})
         for key in ("a", "b")
-        for walker in [box(31, class_name="walker", given=dict(given))]
+        for walker in [box(31, class_name="walker", given=dict(fields))]
     ]
 
     files = export("coco", [*frames, frame("c", box(0))], split=1)
     written = document(files, COCO_TRAIN)
 
-    assert [one["id"] for one in written["images"]] == [7, 1, 2]
+    assert [image["id"] for image in written["images"]] == [7, 1, 2]
     first, second, third = written["annotations"]
     ids = {"id": 31, "image_id": 7, "category_id": 90}
     assert first == {**ids, "bbox": [10, 20.0, 20, 40], "track": 3}
     assert (second["id"], second["image_id"], third["id"]) == (1, 1, 2)
-    assert [one["id"] for one in written["categories"]] == [1, 2, 90]
+    assert [category["id"] for category in written["categories"]] == [1, 2, 90]
     assert written["categories"][2]["supercategory"] == "person"
     assert "source_labels" not in written["images"][0]

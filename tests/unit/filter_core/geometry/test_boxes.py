@@ -1,7 +1,5 @@
 """Rectangles: their forms, their correction (Algorithm 1), the pixels they touch."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -38,35 +36,25 @@ def test_no_boxes_give_empty_arrays():
     assert pixel_bounds(rows, WH).shape == (0, 4)
 
 
+CORRECTED = {
+    "inside": ([10, 20, 30, 40], [10, 20, 30, 40], BoxState.MEASURABLE),
+    "clamped": ([-5, -5, 300, 50], [0, 0, 200, 50], BoxState.MEASURABLE),
+    "covers it": ([-1, -1, 201, 101], [0, 0, 200, 100], BoxState.MEASURABLE),
+    "right of it": ([200.5, 0, 300, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE),
+    "left of it": ([-9, 0, -1, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE),
+    "below it": ([0, 101, 9, 150], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE),
+    "above it": ([0, -9, 9, -0.1], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE),
+    "touches the right edge": ([200, 0, 300, 50], NAN_RECTANGLE, BoxState.DEGENERATE),
+    "touches the left edge": ([-9, 0, 0, 50], NAN_RECTANGLE, BoxState.DEGENERATE),
+    "no width": ([10, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE),
+    "inverted": ([30, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE),
+    "inverted, min out": ([250, 10, 10, 40], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE),
+}
+
+
 @pytest.mark.parametrize(
-    ("box", "expected", "state"),
-    [
-        pytest.param([10, 20, 30, 40], [10, 20, 30, 40], BoxState.MEASURABLE,
-         id="inside"),
-        pytest.param([-5, -5, 300, 50], [0, 0, 200, 50], BoxState.MEASURABLE,
-         id="clamped"),
-        pytest.param([-1, -1, 201, 101], [0, 0, 200, 100], BoxState.MEASURABLE,
-         id="covers it"),
-        pytest.param([200.5, 0, 300, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
-         id="right of it"),
-        pytest.param([-9, 0, -1, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
-         id="left of it"),
-        pytest.param([0, 101, 9, 150], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
-         id="below it"),
-        pytest.param([0, -9, 9, -0.1], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
-         id="above it"),
-        pytest.param([200, 0, 300, 50], NAN_RECTANGLE, BoxState.DEGENERATE,
-         id="touches the right edge"),
-        pytest.param([-9, 0, 0, 50], NAN_RECTANGLE, BoxState.DEGENERATE,
-         id="touches the left edge"),
-        pytest.param([10, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE,
-         id="no width"),
-        pytest.param([30, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE,
-         id="inverted"),
-        pytest.param([250, 10, 10, 40], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
-         id="inverted, min out"),
-    ],
-)  # fmt: skip
+    ("box", "expected", "state"), CORRECTED.values(), ids=CORRECTED
+)
 def test_correct_xyxy_follows_algorithm_1(box, expected, state):
     assert corrected(box) == (pytest.approx(expected, abs=0, nan_ok=True), state)
 
@@ -109,14 +97,14 @@ def test_profile_carlasimu_decides_as_the_published_code(box, state):
 
 
 def disagreements(cases):
-    found = []
+    outcomes = []
     for case in cases:
         wh = (case["width"], case["height"])
         rows, states = correct_xyxy([case["box_xyxy"]], wh, "carlasimu")
         kept = states[0] == BoxState.MEASURABLE
         if (rows[0].tolist() if kept else None) != case["corrected"]:
-            found.append(case)
-    return found
+            outcomes.append(case)
+    return outcomes
 
 
 def test_published_corrections_agree_exactly():

@@ -1,7 +1,5 @@
 """Cameras and transforms: CARLA's matrices, all ways to write them, and faults."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

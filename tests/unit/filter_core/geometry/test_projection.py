@@ -1,7 +1,5 @@
 """Projected 3D boxes, compared with CARLA's own library and exact clipping."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -93,11 +91,11 @@ def test_project_boxes_equals_project_box_of_each_box():
     many = project_boxes(vertices, camera)
 
     for row, corners in enumerate(vertices):
-        one = project_box(corners, camera)
+        alone = project_box(corners, camera)
         nothing = [np.nan] * 4
-        visible = nothing if one.visible_xyxy is None else one.visible_xyxy
+        visible = nothing if alone.visible_xyxy is None else alone.visible_xyxy
         np.testing.assert_array_equal(many.visible_xyxy[row], visible)
-        np.testing.assert_array_equal(many.edges[row], one.edges)
+        np.testing.assert_array_equal(many.edges[row], alone.edges)
 
 
 def test_project_boxes_without_boxes_is_empty():

@@ -1,7 +1,5 @@
 """Colour images: the fast way of decoding gives the pixels and faults of OpenCV."""
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib
@@ -129,53 +127,53 @@ def by_opencv(content, order):
 @pytest.mark.parametrize("order", ["rgb", "bgr"])
 @pytest.mark.parametrize("content", FILES.values(), ids=list(FILES))
 def test_decode_color_gives_the_same_pixels_as_opencv(content, order):
-    found = decoded(content, order)
+    pixels = decoded(content, order)
 
-    assert found.shape[2] == 3
-    assert found.dtype == np.uint8
-    assert found.flags.c_contiguous
-    np.testing.assert_array_equal(found, by_opencv(content, order))
+    assert pixels.shape[2] == 3
+    assert pixels.dtype == np.uint8
+    assert pixels.flags.c_contiguous
+    np.testing.assert_array_equal(pixels, by_opencv(content, order))
 
 
 @contextmanager
 def record_opencv_input():
     """Collect the files that OpenCV is given to decode."""
-    asked = list[bytes]()
+    contents = list[bytes]()
 
     def decode(content, flags):
-        asked.append(bytes(content))
+        contents.append(bytes(content))
         return imdecode(content, flags)
 
     imdecode = cv2.imdecode
     with patch.object(cv2, "imdecode", decode):
-        yield asked
+        yield contents
 
 
 @pytest.mark.parametrize("name", PLAIN)
 def test_common_png_files_use_the_fast_decoder(name):
-    with record_opencv_input() as asked:
+    with record_opencv_input() as contents:
         decoded(FILES[name], "rgb")
 
     # OpenCV gets uncompressed data: after zlib's header, stored blocks.
-    stored = [re.search(rb"IDAT\x78\x01[\0\1]", one) for one in asked]
-    assert [bool(one) for one in stored] == ([] if name in IN_STEPS else [True])
+    stored = [re.search(rb"IDAT\x78\x01[\0\1]", content) for content in contents]
+    assert [bool(match) for match in stored] == ([] if name in IN_STEPS else [True])
 
 
 def test_very_large_image_is_decoded_only_by_opencv():
     small, large = (encoded(np.zeros((n, n, 3), np.uint8)) for n in (100, 5000))
 
-    with record_opencv_input() as asked:
+    with record_opencv_input() as contents:
         shapes = [decoded(content, "rgb").shape for content in (small, large)]
 
     assert shapes == [(100, 100, 3), (5000, 5000, 3)]
-    assert asked == [large]
+    assert contents == [large]
 
 
 def check_like_opencv(content):
-    found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
+    pixels, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
 
-    assert type(found) is type(expected)
-    np.testing.assert_array_equal(found, expected)
+    assert type(pixels) is type(expected)
+    np.testing.assert_array_equal(pixels, expected)
 
 
 @pytest.mark.parametrize("seed", range(9 * 16))
@@ -232,9 +230,9 @@ AFTER_THE_PIXELS = {
 }
 
 
-@pytest.mark.parametrize("found", AFTER_THE_PIXELS.values(), ids=[*AFTER_THE_PIXELS])
-def test_fault_after_the_pixels_is_found_by_every_decoder(found):
-    content = FILES["rgb"].removesuffix(END) + found + END
+@pytest.mark.parametrize("fault", AFTER_THE_PIXELS.values(), ids=[*AFTER_THE_PIXELS])
+def test_fault_after_the_pixels_is_found_by_every_decoder(fault):
+    content = FILES["rgb"].removesuffix(END) + fault + END
 
     assert not isinstance(by_opencv(content, "rgb"), np.ndarray)
     assert not isinstance(decoded(content, "rgb"), np.ndarray)
@@ -247,10 +245,10 @@ def test_reduced_image_has_the_reduced_size_of_its_header(reduced, wh, encode):
     content = encode(np.zeros((wh[1], wh[0], 3), np.uint8))
     flags = 1 if reduced == 1 else 1 | reduced * 8
 
-    found = decode_image(content, read_image_header(content), flags)
+    pixels = decode_image(content, read_image_header(content), flags)
 
-    assert found is not None
-    assert abs(found.shape[1] - wh[0] / reduced) < 1
+    assert pixels is not None
+    assert abs(pixels.shape[1] - wh[0] / reduced) < 1
 
 
 @pytest.mark.parametrize("flags", [-1, 0, 1, cv2.IMREAD_REDUCED_COLOR_2])
@@ -288,12 +286,12 @@ def test_picture_is_drawn_as_seen_unless_its_sides_would_be_exchanged(
     picture[:16, :24], picture[16:, :24] = 250, 120
     content = with_orientation(pictures.jpeg(picture), orientation)
 
-    found = decode_as_seen(content, read_image_header(content), flags)
+    pixels = decode_as_seen(content, read_image_header(content), flags)
 
-    assert found is not None
-    step = 32 // len(found)
+    assert pixels is not None
+    step = 32 // len(pixels)
     expected = picture[turned][::step, ::step]
-    np.testing.assert_allclose(found.astype(int), expected, atol=12)
+    np.testing.assert_allclose(pixels.astype(int), expected, atol=12)
 
 
 def test_exif_orientation_is_ignored_when_decoding():
@@ -303,10 +301,10 @@ def test_exif_orientation_is_ignored_when_decoding():
     by_exif = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR)
     assert by_exif is not None
     assert by_exif.shape[:2] == (5, 3)
-    found = decode_image(turned, read_image_header(turned), cv2.IMREAD_COLOR)
+    pixels = decode_image(turned, read_image_header(turned), cv2.IMREAD_COLOR)
 
-    assert found is not None
-    assert found.shape[:2] == (3, 5)
+    assert pixels is not None
+    assert pixels.shape[:2] == (3, 5)
 
 
 def with_more_pixels(color_type, depth, interlaced, more, wh=(WIDTH, HEIGHT)):

@@ -1,7 +1,5 @@
 """Boxes are drawn with a line style and a colour for each verdict."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -22,10 +20,10 @@ def gaps(canvas):
 
 
 def test_kept_is_solid_rejected_dashed_unmeasured_dotted():
-    found = {verdict: gaps(drawn(verdict)) for verdict in COLORS}
+    gaps_of = {verdict: gaps(drawn(verdict)) for verdict in COLORS}
 
-    assert found["kept"] == 0
-    assert 0 < found["rejected"] < found["unmeasured"]
+    assert gaps_of["kept"] == 0
+    assert 0 < gaps_of["rejected"] < gaps_of["unmeasured"]
 
 
 @pytest.mark.parametrize("verdict", COLORS)
@@ -44,12 +42,12 @@ def test_a_box_without_a_rectangle_is_not_drawn():
 def test_3d_edges_are_drawn_only_if_requested_and_present():
     line = [[20.0, 30.0, 80.0, 30.0]]
 
-    asked = drawn("kept", edges=line, solid=True)
+    solid = drawn("kept", edges=line, solid=True)
     not_asked = drawn("kept", edges=line)
     none = drawn("kept", edges=None, solid=True)
 
-    assert (asked[10, 50] == 200).all()
-    assert (asked[30, 50] != 200).any()
+    assert (solid[10, 50] == 200).all()
+    assert (solid[30, 50] != 200).any()
     np.testing.assert_array_equal(not_asked, none)
 
 

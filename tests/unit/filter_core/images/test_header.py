@@ -26,6 +26,7 @@ from tests.support.pictures import (
 GREY = np.zeros((3, 5), np.uint8)
 RGB = np.zeros((3, 5, 3), np.uint8)
 PIXELS = chunk(b"IDAT", b"")
+HEADER = (5, 3, 8, 2)
 
 
 @pytest.mark.parametrize(
@@ -48,31 +49,37 @@ def test_image_header_is_read_from_png_and_jpeg(content, expected):
     assert read_image_header(content) == ImageHeader(*expected)
 
 
+INVALID_IMAGES = {
+    "nothing": (b"", "found no bytes"),
+    "a GIF": (b"GIF89a....", "neither|expected a PNG or JPEG"),
+    "a web page": (b"<html><body>", "begin with b'<html><b'"),
+    "PNG without its last byte": (png(RGB)[:-1], "ends too early"),
+    "PNG cut inside its pixels": (png(RGB)[:40], "ends too early"),
+    "PNG of a signature alone": (png(RGB)[:8], "ends too early"),
+    "JPEG without its end": (jpeg(RGB)[:-2], "ends too early"),
+    "JPEG cut": (jpeg(RGB)[:30] + b"\xff\xd9", "ends too early"),
+    "JPEG without a frame": (b"\xff\xd8\xff\xd9", "no header"),
+    "animated PNG": (
+        png_of_chunks(HEADER, chunk(b"acTL", bytes(8)), PIXELS),
+        "animated",
+    ),
+    "PNG without pixels": (png_of_chunks(HEADER), "no pixels"),
+    "PNG of no kind": (png_of_chunks((5, 3, 8, 1), PIXELS), "colour type 1"),
+    "PNG of 7 bits": (png_of_chunks((5, 3, 7, 2), PIXELS), "bit depth 7"),
+    "indexed, 16": (png_of_chunks((5, 3, 16, 3), PIXELS), "type 3 with bit depth 16"),
+    "RGB of 4 bits": (png_of_chunks((5, 3, 4, 2), PIXELS), "type 2 with bit depth 4"),
+    "no palette": (png_of_chunks((5, 3, 8, 3), PIXELS), "expected a palette"),
+    "PNG without width": (png_of_chunks((0, 3, 8, 2), PIXELS), "0 x 3 pixels"),
+    "PNG without a header": (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"tEXt", b"x" * 20) + chunk(b"IEND"),
+        "header of 13 bytes first",
+    ),
+}
+
+
 @pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        pytest.param(b"", "found no bytes", id="nothing"),
-        pytest.param(b"GIF89a....", "neither|expected a PNG or JPEG", id="a GIF"),
-        pytest.param(b"<html><body>", "begin with b'<html><b'", id="a web page"),
-        pytest.param(png(RGB)[:-1], "ends too early", id="PNG without its last byte"),
-        pytest.param(png(RGB)[:40], "ends too early", id="PNG cut inside its pixels"),
-        pytest.param(png(RGB)[:8], "ends too early", id="PNG of a signature alone"),
-        pytest.param(jpeg(RGB)[:-2], "ends too early", id="JPEG without its end"),
-        pytest.param(jpeg(RGB)[:30] + b"\xff\xd9", "ends too early", id="JPEG cut"),
-        pytest.param(b"\xff\xd8\xff\xd9", "no header", id="JPEG without a frame"),
-        pytest.param(png_of_chunks((5, 3, 8, 2), chunk(b"acTL", bytes(8)), PIXELS),
-         "animated", id="animated PNG"),
-        pytest.param(png_of_chunks((5, 3, 8, 2)), "no pixels", id="PNG, no pixels"),
-        pytest.param(png_of_chunks((5, 3, 8, 1), PIXELS), "colour type 1",
-         id="PNG of no kind"),
-        pytest.param(png_of_chunks((5, 3, 7, 2), PIXELS), "bit depth 7",
-         id="PNG of 7 bits"),
-        pytest.param(png_of_chunks((0, 3, 8, 2), PIXELS), "0 x 3 pixels",
-         id="PNG without width"),
-        pytest.param(b"\x89PNG\r\n\x1a\n" + chunk(b"tEXt", b"x" * 20) + chunk(b"IEND"),
-         "header of 13 bytes first", id="PNG without a header"),
-    ],
-)  # fmt: skip
+    ("content", "message"), INVALID_IMAGES.values(), ids=INVALID_IMAGES
+)
 def test_invalid_or_truncated_image_is_refused(content, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(content)
@@ -232,95 +239,41 @@ def text_chunk(size, kind=b"zTXt"):
 
 
 VALID_PIXELS = chunk(b"IDAT", zlib.compress(b"\0" * (3 * 16)))
-HEADER = (5, 3, 8, 2)
+NOTE_CHUNK = chunk(b"tEXt", b"k\0v")
+
+
+UNUSUAL_CHUNKS = {
+    "IHDR again": ([chunk(b"IHDR", bytes(13)), VALID_PIXELS], "one header"),
+    "critical, unknown": ([chunk(b"QRST"), VALID_PIXELS], "b'QRST'"),
+    "a name of no letters": ([chunk(b"a\xffst"), VALID_PIXELS], "not be ignored"),
+    "PLTE too late": ([VALID_PIXELS, chunk(b"PLTE", bytes(3))], "before the pixels"),
+    "odd PLTE": ([chunk(b"PLTE", bytes(4)), VALID_PIXELS], "1 to 256 col"),
+    "CRC": ([chunk(b"PLTE", bytes(3))[:-1] + b"x", VALID_PIXELS], "checksum"),
+    "apart": ([VALID_PIXELS, NOTE_CHUNK, VALID_PIXELS], "between the chunks of pixels"),
+    "animated later": ([VALID_PIXELS, chunk(b"fcTL", bytes(26))], "animated"),
+    "notes": ([NOTE_CHUNK] * 501 + [VALID_PIXELS], "500 ch"),
+    "bytes": ([chunk(b"tEXt", bytes(1 << 20))] * 17 + [VALID_PIXELS], "bytes besides"),
+    "inflated behind": ([VALID_PIXELS, text_chunk(5_000_000)], "inflate"),
+    "many parts": ([chunk(b"IDAT", b"")] * 2000, "parts"),
+    "IEND that is long": ([chunk(b"IEND", b"x")], "end has 1 bytes"),
+}
+for kind in (b"zTXt", b"iTXt", b"iCCP"):
+    many = [text_chunk(9, kind)] * 17 + [VALID_PIXELS]
+    large = [text_chunk(2_500_000, kind)] * 2 + [VALID_PIXELS]
+    UNUSUAL_CHUNKS[f"many {kind.decode()}"] = (many, "16 compr")
+    UNUSUAL_CHUNKS[f"large {kind.decode()}"] = (large, "inflate")
 
 
 @pytest.mark.parametrize(
-    ("chunks", "message"),
-    [
-        pytest.param(
-            [chunk(b"IHDR", bytes(13)), VALID_PIXELS], "one header", id="IHDR again"
-        ),
-        pytest.param([chunk(b"QRST"), VALID_PIXELS], "b'QRST'", id="critical, unknown"),
-        pytest.param(
-            [chunk(b"a\xffst"), VALID_PIXELS],
-            "not be ignored",
-            id="a name of no letters",
-        ),
-        pytest.param(
-            [VALID_PIXELS, chunk(b"PLTE", bytes(3))],
-            "before the pixels",
-            id="PLTE too late",
-        ),
-        pytest.param(
-            [chunk(b"PLTE", bytes(4)), VALID_PIXELS], "1 to 256 col", id="odd PLTE"
-        ),
-        pytest.param(
-            [chunk(b"PLTE", bytes(3))[:-1] + b"x", VALID_PIXELS], "checksum", id="CRC"
-        ),
-        pytest.param(
-            [VALID_PIXELS, chunk(b"tEXt", b"k\0v"), VALID_PIXELS],
-            "between the chunks of pixels",
-            id="apart",
-        ),
-        pytest.param(
-            [VALID_PIXELS, chunk(b"fcTL", bytes(26))], "animated", id="animated later"
-        ),
-        pytest.param(
-            [chunk(b"tEXt", b"k\0v")] * 501 + [VALID_PIXELS], "500 ch", id="notes"
-        ),
-        pytest.param(
-            [chunk(b"tEXt", bytes(1 << 20))] * 17 + [VALID_PIXELS],
-            "bytes besides",
-            id="bytes",
-        ),
-        *(
-            pytest.param(
-                [text_chunk(9, kind)] * 17 + [VALID_PIXELS],
-                "16 compr",
-                id=f"many {kind.decode()}",
-            )
-            for kind in (b"zTXt", b"iTXt", b"iCCP")
-        ),
-        *(
-            pytest.param(
-                [text_chunk(2_500_000, kind)] * 2 + [VALID_PIXELS],
-                "inflate",
-                id=f"large {kind.decode()}",
-            )
-            for kind in (b"zTXt", b"iTXt", b"iCCP")
-        ),
-        pytest.param(
-            [VALID_PIXELS, text_chunk(5_000_000)],
-            "inflate",
-            id="inflated behind the pixels",
-        ),
-        pytest.param([chunk(b"IDAT", b"")] * 2000, "parts", id="many parts"),
-        pytest.param([chunk(b"IEND", b"x")], "end has 1 bytes", id="IEND that is long"),
-    ],
+    ("chunks", "message"), UNUSUAL_CHUNKS.values(), ids=UNUSUAL_CHUNKS
 )
 def test_png_with_unusual_chunks_is_refused(chunks, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(png_of_chunks(HEADER, *chunks))
 
 
-INVALID_HEADERS = {
-    "indexed, 16": ((5, 3, 16, 3), "colour type 3 with bit depth 16"),
-    "RGB of 4 bits": ((5, 3, 4, 2), "colour type 2 with bit depth 4"),
-    "indexed without palette": ((5, 3, 8, 3), "expected a palette"),
-}
-
-
-@pytest.mark.parametrize(
-    ("header", "message"), INVALID_HEADERS.values(), ids=INVALID_HEADERS
-)
-def test_png_with_invalid_colour_type_or_depth_is_refused(header, message):
-    with pytest.raises(ImageError, match=message):
-        read_image_header(png_of_chunks(header, VALID_PIXELS))
-
-
 def test_metadata_beside_the_pixels_is_accepted():
-    notes = [chunk(b"tEXt", b"k\0v")] * 60 + [text_chunk(300_000)] * 10
+    notes = [NOTE_CHUNK] * 60 + [text_chunk(300_000)] * 10
     profile = text_chunk(500_000, b"iCCP")
     content = png_of_chunks(
         HEADER, profile, *notes, VALID_PIXELS, VALID_PIXELS, *notes[:2]

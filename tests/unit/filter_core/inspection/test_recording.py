@@ -1,7 +1,5 @@
 """How a folder is understood: what is recognised, and what has to be corrected."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -37,7 +35,7 @@ from tests.support.shared_data import shared
 
 def counts(listed):
     """How many things there are of each kind."""
-    return {one.kind: one.count for one in listed}
+    return {group.kind: group.count for group in listed}
 
 
 def recognised(inspection):
@@ -49,60 +47,60 @@ def recognised(inspection):
 def test_every_layout_is_inspected_and_its_description_gives_the_same(layout, tmp_path):
     root = write_files(tmp_path / "folder", LAYOUT_FILES[layout])
 
-    found = inspect_recording(root)
+    facts = inspect_recording(root)
 
-    assert (found.layout, found.layouts, found.frames) == (layout, (layout,), 1)
-    assert {one.role for one in found.streams} >= {"image"}
-    assert found.left_over == ()
+    assert (facts.layout, facts.layouts, facts.frames) == (layout, (layout,), 1)
+    assert {stream.role for stream in facts.streams} >= {"image"}
+    assert facts.left_over == ()
     narrower = "labels of a narrower distance band, whose boxes the widest has, too"
     other_files = {narrower: 1} if layout == "carlasimu" else {}
-    assert counts(found.not_read) == other_files
-    text = description_text(found.described, root)
+    assert counts(facts.not_read) == other_files
+    text = description_text(facts.described, root)
     assert f"layout: {layout}" in text
     (root / "recording.yaml").write_text(text, "utf-8")
-    assert describe(root) == found.described
+    assert describe(root) == facts.described
     again = inspect_recording(root)
     assert again.why == "as the description says"
-    assert recognised(again) == recognised(found)
+    assert recognised(again) == recognised(facts)
 
 
 def test_everything_that_may_have_to_be_corrected_is_shown(tmp_path):
-    found = inspect_recording(mixed_recording(tmp_path / "street"))
+    facts = inspect_recording(mixed_recording(tmp_path / "street"))
 
-    assert (found.layout, found.frames, found.problems) == ("yolo", 21, ())
-    assert found.streams[0] == StreamFacts(
+    assert (facts.layout, facts.frames, facts.problems) == ("yolo", 21, ())
+    assert facts.streams[0] == StreamFacts(
         "image", 46, "train/images/000.png", ("name",), "{part}/images/{frame}.png"
     )
-    assert counts(found.left_over) == {"no label file for this image": 25}
-    assert len(found.left_over[0].examples) == 10
+    assert counts(facts.left_over) == {"no label file for this image": 25}
+    assert len(facts.left_over[0].examples) == 10
     unknown = {f"no reader opens *.{suffix}": 1 for suffix in ("md", "bin")}
-    assert counts(found.not_read) == unknown
-    assert [(one.name, one.boxes, one.measured_as) for one in found.classes] == [
+    assert counts(facts.not_read) == unknown
+    assert [(each.name, each.boxes, each.measured_as) for each in facts.classes] == [
         ("car", 42, "car"),
         ("walker", 21, "walker"),
         ("Kasten", 21, None),
         ("Caar", 21, None),
         ("bus", 3, "bus"),
     ]
-    car, walker, box, misspelt, _ = found.classes
+    car, walker, box, misspelt, _ = facts.classes
     assert (misspelt.nearest, box.nearest, car.tags) == ("car", None, ("Car",))
     assert car.unknown == (Counted("tag 100", 21 * 16 * 16),)
     assert car.unknown_percent == pytest.approx(100 * 256 / (100 * 71 + 60 * 50), 0.05)
     assert (car.kept, walker.looked_at.rejected, box.unmeasured) == (42, 21, 21)
-    assert counts(found.boxes.faults) == {"outside": 3}
-    assert found.boxes.faults[0].examples[0].name == "test/001"
-    assert found.segmentation is not None
+    assert counts(facts.boxes.faults) == {"outside": 3}
+    assert facts.boxes.faults[0].examples[0].name == "test/001"
+    assert facts.segmentation is not None
     reading = Reading("carla-0.9.14", "raw", "rgb", lossy=False, images=21)
-    assert found.segmentation.readings == (reading,)
+    assert facts.segmentation.readings == (reading,)
     parts = {"test": 3, "train": 14, "valid": 4}
-    assert found.splits == tuple(Split(one, "folder", n) for one, n in parts.items())
-    assert found.cameras == ()
-    assert found.sizes == (Size(320, 180, 21),)
-    assert sorted(frame.key.split("/")[0] for frame in found.drawn) == [*parts]
-    verdicts = [box.verdict for box in found.drawn[0].boxes]
+    assert facts.splits == tuple(Split(part, "folder", n) for part, n in parts.items())
+    assert facts.cameras == ()
+    assert facts.sizes == (Size(320, 180, 21),)
+    assert sorted(frame.key.split("/")[0] for frame in facts.drawn) == [*parts]
+    verdicts = [box.verdict for box in facts.drawn[0].boxes]
     drawn = [verdicts.count(word) for word in ("kept", "rejected", "unmeasured")]
     assert drawn in ([2, 1, 2], [2, 2, 2])
-    assert found.drawn[0].jpeg is not None
+    assert facts.drawn[0].jpeg is not None
 
 
 COLOURS = jpeg(painted(street_tags(), "carla-0.9.14"))
@@ -119,9 +117,9 @@ def test_remedies_are_keys_of_a_description(tmp_path, suffix, segmentation, reme
     files = {"images/1.png": None, f"seg/1.{suffix}": segmentation}
     files |= {"labels/1.txt": YOLO_LINE, "classes.txt": "car"}
 
-    found = inspect_recording(write_files(tmp_path, files))
+    facts = inspect_recording(write_files(tmp_path, files))
 
-    texts = [remark.text for remark in remarks_on(found) if remark.is_serious]
+    texts = [remark.text for remark in remarks_on(facts) if remark.is_serious]
     assert any(remedy in text for text in texts), texts
 
 
@@ -143,11 +141,11 @@ def test_files_that_the_description_ignores_are_listed_with_this_reason(tmp_path
     write_files(tmp_path, {**dict.fromkeys(names, b""), **LAYOUT_FILES["yolo"]})
     write_files(tmp_path, {RECORDING_NAME: "files: {ignore: ['**/old/*', '**/1.png']}"})
 
-    found = inspect_recording(tmp_path)
+    facts = inspect_recording(tmp_path)
 
-    assert (found.layout, found.frames, found.left_over) == ("yolo", 1, ())
+    assert (facts.layout, facts.frames, facts.left_over) == ("yolo", 1, ())
     ignored = "`files.ignore` of the description leaves it out"
-    assert counts(found.not_read) == {ignored: 5}
+    assert counts(facts.not_read) == {ignored: 5}
 
 
 def test_boxes_outside_of_a_drawn_frame_are_counted(tmp_path):
@@ -160,16 +158,16 @@ def test_boxes_outside_of_a_drawn_frame_are_counted(tmp_path):
 
 
 def test_tutorial_has_one_family_that_some_of_its_images_tell_and_coarse_depth():
-    found = inspect_recording(shared("cases/recordings/carla_tutorial"))
+    facts = inspect_recording(shared("cases/recordings/carla_tutorial"))
 
-    told = {one.role: one.told_by for one in found.streams}
+    told = {stream.role: stream.told_by for stream in facts.streams}
     both = ("name", "pixels")
     assert told == {"image": ("pixels",), "depth": ("name",), "segmentation": both}
-    tags, depth = found.segmentation, found.depth
+    tags, depth = facts.segmentation, facts.depth
     assert tags is not None
     assert (tags.family, tags.agreeing, tags.told) == ("carla-0.9.0", 3, 2)
     assert tags.is_certain
-    assert found.described.palette == "carla-0.9.0"
+    assert facts.described.palette == "carla-0.9.0"
     assert depth is not None
     assert (depth.encoding, counts(depth.refused)) == (None, {"depth_too_coarse": 3})
 
@@ -187,29 +185,29 @@ def test_boxes_in_another_unit_are_read_in_it_and_the_description_says_so(tmp_pa
     files = {"instances.json": json.dumps(document).encode(), "7.png": png(noise)}
     root = write_files(tmp_path, files)
 
-    found = inspect_recording(root)
+    facts = inspect_recording(root)
 
-    assert [problem.code for problem in found.problems] == ["wrong_unit"]
-    assert "`boxes: {unit: percent}`" in found.problems[0].detail
-    assert found.sizes == (Size(800, 600, 1),)
-    assert found.drawn[0].boxes[1].xyxy == pytest.approx((320, 60, 360, 109.5))
-    text = description_text(found.described, root)
+    assert [problem.code for problem in facts.problems] == ["wrong_unit"]
+    assert "`boxes: {unit: percent}`" in facts.problems[0].detail
+    assert facts.sizes == (Size(800, 600, 1),)
+    assert facts.drawn[0].boxes[1].xyxy == pytest.approx((320, 60, 360, 109.5))
+    text = description_text(facts.described, root)
     (root / "recording.yaml").write_text(text, "utf-8")
     again = inspect_recording(root)
     assert again.problems == ()
-    assert recognised(again) == recognised(found)
+    assert recognised(again) == recognised(facts)
 
 
 def test_folder_that_cannot_be_read_is_shown_all_the_same(tmp_path):
     picture = png(np.zeros((60, 80, 3), np.uint8))
     root = write_files(tmp_path, {"images/1.png": picture, "labels/1.txt": YOLO_LINE})
 
-    found = inspect_recording(root)
+    facts = inspect_recording(root)
 
-    assert (found.layout, found.frames) == (None, 0)
-    assert "`boxes: {classes: [car, bus]}`" in found.problems[0].detail
-    assert [one.role for one in found.streams] == ["image"]
-    assert counts(found.not_read) == {"not read, since the folder cannot be read": 2}
+    assert (facts.layout, facts.frames) == (None, 0)
+    assert "`boxes: {classes: [car, bus]}`" in facts.problems[0].detail
+    assert [stream.role for stream in facts.streams] == ["image"]
+    assert counts(facts.not_read) == {"not read, since the folder cannot be read": 2}
     with pytest.raises(LayoutError, match="found none"):
         inspect_recording(tmp_path / "missing")
 
@@ -217,11 +215,11 @@ def test_folder_that_cannot_be_read_is_shown_all_the_same(tmp_path):
 def test_folder_of_two_layouts_is_read_in_the_likelier_and_it_is_said(tmp_path):
     root = write_files(tmp_path, {**LAYOUT_FILES["voc"], **LAYOUT_FILES["yolo"]})
 
-    found = inspect_recording(root)
+    facts = inspect_recording(root)
 
-    assert (found.layout, found.layouts) == ("voc", ("voc", "yolo"))
-    assert [problem.code for problem in found.problems] == ["several_layouts"]
-    assert "`layout: voc` or `layout: yolo` in" in found.problems[0].detail
+    assert (facts.layout, facts.layouts) == ("voc", ("voc", "yolo"))
+    assert [problem.code for problem in facts.problems] == ["several_layouts"]
+    assert "`layout: voc` or `layout: yolo` in" in facts.problems[0].detail
     named = inspect_recording(root, RecordingDescription(layout="yolo"))
     assert (named.layout, named.problems) == ("yolo", ())
 
@@ -234,26 +232,26 @@ def test_frames_that_cannot_be_used_are_listed_by_their_faults(tmp_path):
     text = "".join(f"{json.dumps({**camera, **line})}\n" for line in lines)
     root = write_files(tmp_path, {"manifest.jsonl": text, "1.png": None})
 
-    found = inspect_recording(root)
+    facts = inspect_recording(root)
 
-    first, second, third = found.refused
+    first, second, third = facts.refused
     assert (first.kind, first.count) == ("exchanged_corners", 12)
     assert (len(first.examples), second.count, third.count) == (10, 1, 1)
-    assert counts(found.boxes.faults) == {"inverted": 12}
-    assert counts(found.not_read) == {"no line of the manifest names it": 1}
+    assert counts(facts.boxes.faults) == {"inverted": 12}
+    assert counts(facts.not_read) == {"no line of the manifest names it": 1}
 
 
 def test_cameras_parts_and_lists_are_recognised(tmp_path):
     picture = png(np.zeros((60, 80, 3), np.uint8))
     files = {"classes.txt": b"car", "train.txt": b"1\n2\n", "depth_test/x.txt": b""}
     folders = ("CAM_FRONT", "CAM_LEFT")
-    for name in ("single/9", *(f"{one}/{n}" for one in folders for n in range(4))):
+    for name in ("single/9", *(f"{cam}/{n}" for cam in folders for n in range(4))):
         files |= {f"images/{name}.png": picture, f"labels/{name}.txt": YOLO_LINE}
 
-    found = inspect_recording(write_files(tmp_path, files))
+    facts = inspect_recording(write_files(tmp_path, files))
 
-    assert found.cameras == (Cameras(tuple(f"images/{one}" for one in folders), 4),)
-    assert found.splits == (Split("train.txt", "list", 2),)
+    assert facts.cameras == (Cameras(tuple(f"images/{cam}" for cam in folders), 4),)
+    assert facts.splits == (Split("train.txt", "list", 2),)
 
 
 def test_files_of_labels_are_parts(tmp_path):
@@ -262,11 +260,11 @@ def test_files_of_labels_are_parts(tmp_path):
     train = {"annotations/instances_train.json": json.dumps(coco).encode()}
     files = {**LAYOUT_FILES["coco"], **train, "images/8.png": b""}
 
-    found = inspect_recording(
+    facts = inspect_recording(
         write_files(tmp_path, {**files, "ImageSets/Main/val.txt": b"7\n"})
     )
 
-    assert found.splits == (
+    assert facts.splits == (
         Split("instances_val.json", "labels", 1),
         Split("instances_train.json", "labels", 1),
         Split("ImageSets/Main/val.txt", "list", 1),
@@ -281,13 +279,13 @@ def test_depth_and_tags_of_a_recording_are_told_by_its_images(tmp_path):
     text = "".join(f"{json.dumps(line)}\n" for line in with_depth)
     (root / "manifest.jsonl").write_text(text)
 
-    found = inspect_recording(root)
-    depth = found.depth
+    facts = inspect_recording(root)
+    depth = facts.depth
 
     assert depth is not None
     assert (depth.encoding, depth.shown) == ("carla", (Counted("carla", 3),))
-    assert found.described.depth_encoding == "carla"
-    assert found.with_role["depth"] == 3
+    assert facts.described.depth_encoding == "carla"
+    assert facts.with_role["depth"] == 3
 
 
 def test_image_of_few_colours_does_not_tell_the_family(tmp_path):
@@ -312,12 +310,12 @@ def test_few_pictures_are_looked_at_and_one_of_each_class(tmp_path):
     root = write_files(tmp_path, files)
     seen = []
 
-    found = inspect_recording(
+    facts = inspect_recording(
         root, pictures=6, progress=lambda done, of: seen.append((done, of))
     )
 
-    assert (found.frames, found.pictures) == (100, 7)
-    looked_at = {one.name: one.looked_at.boxes for one in found.classes}
+    assert (facts.frames, facts.pictures) == (100, 7)
+    looked_at = {class_.name: class_.looked_at.boxes for class_ in facts.classes}
     assert looked_at == {"car": 6, "bus": 1}
     assert seen == [(number, 100) for number in range(1, 101)]
     assert inspect_recording(root, pictures=0).drawn == ()

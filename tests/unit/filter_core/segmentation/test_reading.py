@@ -438,16 +438,16 @@ def test_tags_of_a_changed_carla_are_read_and_all_others_are_the_palettes(form):
     rgb[..., 0 if form == "red" else 2] = numbers
     options = SegmentationOptions(palette="carla-0.9.10", tags=OF_CHANGED_CARLA)
 
-    found = read_segmentation(png(numbers if form == "grey" else rgb), options)
+    segmentation = read_segmentation(png(numbers if form == "grey" else rgb), options)
 
     # The palette has no Car, so all tags have the numbers of the family that has one.
     tag_of = FAMILIES["carla-0.9.14"].tag_of
-    assert (found.family, found.unknown_pixels) == ("carla-0.9.14", 0)
+    assert (segmentation.family, segmentation.unknown_pixels) == ("carla-0.9.14", 0)
     for number, name in [(40, "Pedestrian"), (100, "Car"), (101, "Truck")]:
-        assert ((found.tags == tag_of(name)) == (numbers == number)).all()
+        assert ((segmentation.tags == tag_of(name)) == (numbers == number)).all()
     for name in ("Road", "Building"):
         own = FAMILIES["carla-0.9.10"].tag_of(name)
-        assert ((found.tags == tag_of(name)) == (numbers == own)).all()
+        assert ((segmentation.tags == tag_of(name)) == (numbers == own)).all()
 
 
 def test_tag_of_the_palette_that_has_no_name_beside_changed_ones_is_unknown():
@@ -455,20 +455,20 @@ def test_tag_of_the_palette_that_has_no_name_beside_changed_ones_is_unknown():
     numbers[:2] = FAMILIES["carla-0.9.10"].tag_of("Vehicle")
     options = SegmentationOptions(palette="carla-0.9.10", tags=OF_CHANGED_CARLA)
 
-    found = read_segmentation(png(numbers), options)
+    segmentation = read_segmentation(png(numbers), options)
 
-    assert found.unknown_pixels == 60
-    assert (found.tags[:2] == 255).all()
+    assert segmentation.unknown_pixels == 60
+    assert (segmentation.tags[:2] == 255).all()
 
 
 def test_changed_tags_with_names_of_their_palette_keep_its_numbers():
     tags = {"40": "Pedestrian", "100": "Vehicle", "101": "Vehicle"}
     options = SegmentationOptions(palette="carla-0.9.10", tags=tags)
 
-    found = read_segmentation(png(changed_street()), options)
+    reading = read_segmentation(png(changed_street()), options)
 
-    assert found.family == "carla-0.9.10"
-    assert (found.tags == 10).sum() == np.isin(changed_street(), (100, 101)).sum()
+    assert reading.family == "carla-0.9.10"
+    assert (reading.tags == 10).sum() == np.isin(changed_street(), (100, 101)).sum()
 
 
 def test_changed_tags_prove_no_family():
@@ -498,16 +498,16 @@ def test_colours_of_a_changed_carla_are_read_beside_those_of_the_palette(order):
     tags = {"#fa0082": "Bus", "#be9999": "Pedestrian"}
     options = SegmentationOptions(tags=tags)
 
-    found = read_segmentation(png(rgb, order), options)
+    segmentation = read_segmentation(png(rgb, order), options)
 
-    assert (found.family, found.channel_order) == (FAMILY, order)
-    assert found.unknown_pixels == 0
+    assert (segmentation.family, segmentation.channel_order) == (FAMILY, order)
+    assert segmentation.unknown_pixels == 0
     expected = STREET.copy()
     expected[pink] = 16
-    assert (found.tags == expected).all()
+    assert (segmentation.tags == expected).all()
     # Boxes are counted in the colours, and not in `tags`.
     counted = measure(
-        found, frame_boxes([[0, 0, 8, 5]], (8, 5), "bus", {"bus": 1 << 16})
+        segmentation, frame_boxes([[0, 0, 8, 5]], (8, 5), "bus", {"bus": 1 << 16})
     )
     assert counted.matched_pixels.tolist() == [pink.sum()]
     with pytest.raises(SegmentationError, match=r"no known family.*250, 0, 130"):
@@ -519,10 +519,10 @@ def test_changed_colours_are_found_near_in_a_lossy_image():
     rgb[LARGE_STREET == 14] = (250, 0, 130)
     options = SegmentationOptions(lossy="nearest", tags={"#fa0082": "Bus"})
 
-    found = read_segmentation(jpeg(rgb), options)
+    segmentation = read_segmentation(jpeg(rgb), options)
 
     inside = np.kron(STREET == 14, np.ones((16, 16), bool))
-    assert (found.tags[inside] == 16).mean() > 0.9
+    assert (segmentation.tags[inside] == 16).mean() > 0.9
 
 
 @pytest.mark.parametrize("form", ["grey", "three channels"])
@@ -533,10 +533,10 @@ def test_grey_multiples_are_divided(form):
     picture = grey if form == "grey" else np.dstack([grey, grey, grey])
     named = SegmentationOptions(palette=FAMILY, tag_scale=21)
 
-    found = read_segmentation(png(picture), named)
+    segmentation = read_segmentation(png(picture), named)
 
-    assert (found.encoding, found.unknown_pixels) == ("raw", 0)
-    assert (found.tags == tags).all()
+    assert (segmentation.encoding, segmentation.unknown_pixels) == ("raw", 0)
+    assert (segmentation.tags == tags).all()
     more = read_segmentation(
         png(picture),
         SegmentationOptions(palette=FAMILY, tag_scale=21, tags={"1": "Bus"}),

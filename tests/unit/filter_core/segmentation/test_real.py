@@ -28,12 +28,12 @@ def test_named_tags_of_a_changed_carla_have_as_many_pixels_as_their_numbers(came
     options = SegmentationOptions(palette="carla-0.9.10", tags=OF_SELMA)
     tag_of = FAMILIES["carla-0.9.14"].tag_of
 
-    found = read_segmentation(path.read_bytes(), options)
+    image = read_segmentation(path.read_bytes(), options)
 
-    assert found.unknown_pixels == 0
+    assert image.unknown_pixels == 0
     for number, name in OF_SELMA.items():
-        assert (found.tags == tag_of(name)).sum() == (numbers == int(number)).sum()
+        assert (image.tags == tag_of(name)).sum() == (numbers == int(number)).sum()
     cars = measure(
-        found, frame_boxes([[0, 0, 1280, 640]], (1280, 640), "car", {"car": 1 << 14})
+        image, frame_boxes([[0, 0, 1280, 640]], (1280, 640), "car", {"car": 1 << 14})
     )
     assert cars.matched_pixels.tolist() == [(numbers == 100).sum()]

@@ -41,20 +41,20 @@ def test_colour_unique_to_one_family_determines_the_family(color, family):
 
 
 def test_families_with_equal_names_for_the_colours_are_not_rivals():
-    found = recognise(street(), NamedReading())
+    reading = recognise(street(), NamedReading())
 
-    assert (found.family, found.rivals) == ("carla-0.9.14", ())
-    assert found.notes == (
+    assert (reading.family, reading.rivals) == ("carla-0.9.14", ())
+    assert reading.notes == (
         "read as carla-0.9.14; carla-0.9.10 and carla-0.9.0 would mean the same by "
         "the colours that occur",
     )
 
 
 def test_families_that_name_a_colour_differently_are_rivals_and_are_noted():
-    found = recognise(street(SKY, CAR_OR_VEHICLE), NamedReading())
+    reading = recognise(street(SKY, CAR_OR_VEHICLE), NamedReading())
 
-    assert (found.family, found.rivals) == ("carla-0.9.14", ("carla-0.9.10",))
-    assert found.notes == (
+    assert (reading.family, reading.rivals) == ("carla-0.9.14", ("carla-0.9.10",))
+    assert reading.notes == (
         "read as carla-0.9.14; carla-0.9.10 has the same colours, but calls "
         "(0, 0, 142) Vehicle instead of Car",
     )
@@ -80,10 +80,10 @@ def test_colours_of_two_families_at_once_are_ambiguous():
 
 
 def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
-    found = recognise(street(TERRAIN, TRUCK, TERRAIN_BEFORE_0_9_14), NamedReading())
+    reading = recognise(street(TERRAIN, TRUCK, TERRAIN_BEFORE_0_9_14), NamedReading())
 
-    assert found.family == "carla-0.9.14"
-    assert found.missing == {CODE_OF[packed(TERRAIN_BEFORE_0_9_14)]}
+    assert reading.family == "carla-0.9.14"
+    assert reading.missing == {CODE_OF[packed(TERRAIN_BEFORE_0_9_14)]}
 
 
 @pytest.mark.parametrize(
@@ -94,35 +94,34 @@ def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
     ],
 )
 def test_named_family_is_used_and_lacks_a_colour_of_another(family, other):
-    found = recognise(street(TERRAIN, other), NamedReading(family=family))
+    reading = recognise(street(TERRAIN, other), NamedReading(family=family))
 
-    assert found.family == family
-    assert found.missing == {CODE_OF[packed(TERRAIN)]}
+    assert reading.family == family
+    assert reading.missing == {CODE_OF[packed(TERRAIN)]}
+
+
+CONTRADICTIONS = {
+    "another family": (
+        NamedReading(family="carla-0.9.10", sources={"palette": "the dataset"}),
+        street(TERRAIN),
+        r"the dataset says palette carla-0\.9\.10, the colours that occur prove "
+        r"carla-0\.9\.14: \(152, 251, 152\) is Terrain there and no colour of",
+    ),
+    "another channel order": (
+        NamedReading(order="rgb", sources={"channel_order": "the config"}),
+        street(TRUCK, order="bgr"),
+        "the config says channel_order rgb, the colours that occur prove bgr: ",
+    ),
+    "another channel order, by nobody in particular": (
+        NamedReading(order="bgr"),
+        street(TRUCK),
+        "the caller says channel_order bgr, the colours that occur prove rgb: ",
+    ),
+}
 
 
 @pytest.mark.parametrize(
-    ("named", "codes", "message"),
-    [
-        pytest.param(
-            NamedReading(family="carla-0.9.10", sources={"palette": "the dataset"}),
-            street(TERRAIN),
-            r"the dataset says palette carla-0\.9\.10, the colours that occur prove "
-            r"carla-0\.9\.14: \(152, 251, 152\) is Terrain there and no colour of",
-            id="another family",
-        ),
-        pytest.param(
-            NamedReading(order="rgb", sources={"channel_order": "the config"}),
-            street(TRUCK, order="bgr"),
-            "the config says channel_order rgb, the colours that occur prove bgr: ",
-            id="another channel order",
-        ),
-        pytest.param(
-            NamedReading(order="bgr"),
-            street(TRUCK),
-            "the caller says channel_order bgr, the colours that occur prove rgb: ",
-            id="another channel order, by nobody in particular",
-        ),
-    ],
+    ("named", "codes", "message"), CONTRADICTIONS.values(), ids=CONTRADICTIONS
 )
 def test_named_family_or_order_that_contradicts_colours_is_refused(
     named, codes, message
@@ -145,9 +144,9 @@ def test_swapped_sky_is_not_taken_for_rock_nor_rock_for_swapped_sky():
 def test_undetermined_channel_order_is_read_as_rgb_with_a_note():
     greys = [(0, 0, 0), (70, 70, 70), SKY]
 
-    found = recognise([CODE_OF[packed(color)] for color in greys], NamedReading())
+    reading = recognise([CODE_OF[packed(color)] for color in greys], NamedReading())
 
-    assert found.order == "rgb"
-    assert found.notes[-1] == (
+    assert reading.order == "rgb"
+    assert reading.notes[-1] == (
         "the colours that occur do not tell the channel order; read as rgb"
     )

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from unghost.capture.scenario import Scenario, parse_scenario, read_scenario
@@ -102,9 +100,9 @@ def test_empty_file_gives_the_default_scenario(tmp_path):
 
 def test_sensors_are_enabled_by_true_or_by_settings():
     flare = {"attributes": {"lens_flare_intensity": 0.1}}  # of a single camera
-    given = {"depth": True, "segmentation": False, "radar": {"mount": {"x": 2}}}
+    others = {"depth": True, "segmentation": False, "radar": {"mount": {"x": 2}}}
 
-    sensors = parse_scenario({"sensors": {**given, "rgb": flare}}, "x").sensors
+    sensors = parse_scenario({"sensors": {**others, "rgb": flare}}, "x").sensors
 
     assert sensors.rgb is not None
     assert sensors.depth is not None

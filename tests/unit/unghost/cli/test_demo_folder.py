@@ -1,7 +1,5 @@
 """The demo creates its data folder for its owner alone, before a server runs."""
 
-from __future__ import annotations
-
 import stat
 
 import pytest
@@ -24,8 +22,8 @@ def test_demo_renders_in_children_into_a_folder_with_permissions_0700(tmp_path):
     assert stat.S_IMODE(data.stat().st_mode) == 0o700
     assert {path.name for path in street.iterdir()} >= {MANIFEST_NAME, TRUTH}
     again = list(rendered_frames(data, options))
-    assert [one["key"] for one in again] == [
+    assert [line["key"] for line in again] == [
         *("town-a/000000", "town-b/000000", "town-c/000000", "town-a/000001")
     ]
-    by_key = {one["key"]: one["boxes"] for one in lines}
-    assert by_key == {one["key"]: one["boxes"] for one in again}
+    by_key = {line["key"]: line["boxes"] for line in lines}
+    assert by_key == {line["key"]: line["boxes"] for line in again}

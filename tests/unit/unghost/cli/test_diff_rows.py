@@ -1,7 +1,5 @@
 """The rows of `unghost diff`: numbers that the server did not send stay empty."""
 
-from __future__ import annotations
-
 from unghost import Diff
 from unghost.cli.remote.runs import rows_of
 

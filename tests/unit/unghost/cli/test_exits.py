@@ -1,7 +1,5 @@
 """Each expected error has an exit code and a message; only bugs have a traceback."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os
@@ -99,26 +97,23 @@ def test_connection_error_message_names_address_and_its_origin(
 SINGLE = [{"pointer": "/name", "code": "x", "detail": "expected a text"}]
 
 
-@pytest.mark.parametrize(
-    ("changed", "lines"),
-    [
-        pytest.param(
-            {"more_errors": 2400},
-            ["two faults (bad_annotation)", "  /boxes/0: is wrong", "  and 2400 more"],
-            id="all faults, and how many are not listed",
-        ),
-        pytest.param(
-            {"detail": "/name: expected a text", "errors": SINGLE},
-            ["/name: expected a text (bad_annotation)"],
-            id="a single fault once",
-        ),
-        pytest.param(
-            {"detail": "no\n\x1b[2Junghost: done", "errors": []},
-            [r"no\u000a\u001b[2Junghost: done (bad_annotation)"],
-            id="control characters that would look like another line",
-        ),
-    ],
-)
+REFUSALS = {
+    "all faults, and how many are not listed": (
+        {"more_errors": 2400},
+        ["two faults (bad_annotation)", "  /boxes/0: is wrong", "  and 2400 more"],
+    ),
+    "a single fault once": (
+        {"detail": "/name: expected a text", "errors": SINGLE},
+        ["/name: expected a text (bad_annotation)"],
+    ),
+    "control characters that would look like another line": (
+        {"detail": "no\n\x1b[2Junghost: done", "errors": []},
+        [r"no\u000a\u001b[2Junghost: done (bad_annotation)"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("changed", "lines"), REFUSALS.values(), ids=REFUSALS)
 def test_message_of_a_refused_request_has_its_faults(changed, lines):
     assert list(error_lines(errors.Invalid(422, {**PROBLEM, **changed}))) == lines
 
@@ -137,7 +132,7 @@ def test_help_lists_all_exit_codes():
     shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "300"}).output
 
     _, _, told = shown.partition("Exit codes: ")
-    assert [int(one.split()[0]) for one in told.split("; ")] == list(EXIT_CODES)
+    assert [int(text.split()[0]) for text in told.split("; ")] == list(EXIT_CODES)
 
 
 def run(server, *words):
@@ -166,7 +161,7 @@ def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path)
     refused = problem(422, "bad_options", errors=[fault])
     scripted.answer(json_reply(TOWN), refused)
 
-    answer = CliRunner().invoke(
+    result = CliRunner().invoke(
         app,
         [
             *("export", "town", "--format", "yolo", "-o", str(tmp_path / "x.zip")),
@@ -174,8 +169,8 @@ def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path)
         ],
     )
 
-    assert answer.exit_code == 2
-    assert r"no \u001b[2J" in answer.output
+    assert result.exit_code == 2
+    assert r"no \u001b[2J" in result.output
 
 
 def test_waiting_for_a_server_names_those_that_run_here(tmp_path, monkeypatch):

@@ -1,7 +1,5 @@
 """Options accept the library's words, but help does not import the library."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -90,7 +88,7 @@ def test_help_and_remote_commands_do_not_load_heavy_modules(tmp_path):
         "    CliRunner().invoke(app, words.split())\n"
         "    print(words, *sys.modules, sep='\\t')"
     )
-    answer = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program],
         check=True,
         capture_output=True,
@@ -102,23 +100,23 @@ def test_help_and_remote_commands_do_not_load_heavy_modules(tmp_path):
 
     # pydantic may be loaded: Typer itself uses it to read arguments.
     heavy = {*LARGE_MODULES} - {"pydantic"}
-    told = [line.split("\t") for line in answer.stdout.splitlines()]
+    told = [line.split("\t") for line in process.stdout.splitlines()]
     loaded = {words: heavy.intersection(modules) for words, *modules in told}
     assert loaded == {words: set() for words in QUICK}
 
 
 def test_only_given_segmentation_options_are_passed_on():
-    given = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
+    options = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
 
-    assert given.reading == {"palette": "carla-0.9.14"}
+    assert options.reading == {"palette": "carla-0.9.14"}
 
 
 def test_class_names_and_class_maps_are_separated_by_commas(tmp_path):
-    given = SourceOptions(
+    options = SourceOptions(
         classes="car, traffic light", class_map=["Car=car, Misc=pass", "a=b=van"]
     )
 
-    description = given.describe(tmp_path)
+    description = options.describe(tmp_path)
 
     assert description.classes == ("car", "traffic light")
     assert description.class_map == {"Car": "car", "Misc": "pass", "a=b": "van"}

@@ -1,7 +1,5 @@
 """`Screen` writes data to standard output, and all else to standard error."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

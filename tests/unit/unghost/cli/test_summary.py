@@ -1,7 +1,5 @@
 """The summary of boxes: what is noted, and what makes the exit code 3."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -105,9 +103,9 @@ def test_class_map_decides_which_names_are_unknown():
         {"classes": {"Misc": "pass", "Sign": {"accept": ["TrafficSign"]}, "Box": "car"}}
     )
 
-    found = unmapped_names(["Misc", "Sign", "Box", "Pedestrian", "dragon"], config)
+    names = unmapped_names(["Misc", "Sign", "Box", "Pedestrian", "dragon"], config)
 
-    assert found == ["dragon"]
+    assert names == ["dragon"]
 
 
 @pytest.mark.parametrize(

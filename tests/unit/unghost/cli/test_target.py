@@ -1,7 +1,5 @@
 """Keys of a recording's description in the configuration of a dataset."""
 
-from __future__ import annotations
-
 from filter_core.config.filter import FilterConfig
 from unghost.cli.remote.target import GivenConfig
 

@@ -1,7 +1,5 @@
 """A wrong command line is refused with exit code 2, before anything is done."""
 
-from __future__ import annotations
-
 import pytest
 from typer.testing import CliRunner
 
@@ -32,10 +30,10 @@ def run(*words):
     ],
 )
 def test_wrong_command_line_is_refused(words, says):
-    answer = run(*words)
+    result = run(*words)
 
-    assert answer.exit_code == USAGE
-    assert says in answer.output
+    assert result.exit_code == USAGE
+    assert says in result.output
 
 
 @pytest.mark.parametrize(
@@ -78,8 +76,8 @@ def test_convert_refuses_invalid_options(tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     folder = write_manifest(tmp_path / "frames", 1)
 
-    answer = run("convert", folder, "-o", "made", *words)
+    result = run("convert", folder, "-o", "made", *words)
 
-    assert answer.exit_code == USAGE
-    assert says in " ".join(answer.output.split())
+    assert result.exit_code == USAGE
+    assert says in " ".join(result.output.split())
     assert not (tmp_path / "made").exists()

@@ -1,7 +1,5 @@
 """The client's methods: docstrings, parameters, pages, and unreadable answers."""
 
-from __future__ import annotations
-
 import inspect
 
 import pytest
@@ -30,9 +28,9 @@ def test_query_parameters_are_encoded_for_the_api(scripted, client):
     list(client.boxes("town", cursor="here", limit=2))
     list(client.boxes("town", class_name="car", toss_up=True, reason=None, id=["a", 1]))
 
-    first, asked = scripted.received_requests
+    first, second = scripted.received_requests
     assert first.path == "/api/v1/boxes?limit=2&dataset=town&cursor=here"
-    assert asked.path == (
+    assert second.path == (
         "/api/v1/boxes?limit=500&dataset=town&class=car&toss_up=true&id=a%2C1"
     )
 
@@ -81,9 +79,9 @@ def test_pagination_requests_next_page_after_the_previous_one(scripted, client):
     datasets = client.datasets()
     assert scripted.received_requests == []
     first = [next(datasets).name, next(datasets).name]
-    asked = len(scripted.received_requests)
+    requests = len(scripted.received_requests)
 
-    assert (first, asked) == (["a", "b"], 1)
+    assert (first, requests) == (["a", "b"], 1)
     assert [dataset.name for dataset in datasets] == ["c"]
     assert (
         scripted.received_requests[1].path
@@ -92,7 +90,7 @@ def test_pagination_requests_next_page_after_the_previous_one(scripted, client):
 
 
 @pytest.mark.parametrize(
-    ("ask", "answer"),
+    ("ask", "body"),
     [
         pytest.param(lambda c: c.version(), {}, id="a key is missing"),
         pytest.param(lambda c: c.count_boxes("a"), {"total": None}, id="no number"),
@@ -110,8 +108,8 @@ def test_pagination_requests_next_page_after_the_previous_one(scripted, client):
         ),
     ],
 )
-def test_unreadable_response_raises_unexpected_answer(scripted, client, ask, answer):
-    scripted.answer(json_reply(answer))
+def test_unreadable_response_raises_unexpected_answer(scripted, client, ask, body):
+    scripted.answer(json_reply(body))
 
     with pytest.raises(UnexpectedAnswer, match=f"the response of {scripted.url}/"):
         ask(client)

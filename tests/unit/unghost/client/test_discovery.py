@@ -1,7 +1,5 @@
 """How the client finds the server's address and its token, in a fixed order."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -39,9 +37,9 @@ def note(home: Path, url: str, token_file: Path) -> None:
 
 
 def test_default_is_localhost_without_token(home):
-    found = find_server(environ=env_of(home))
+    server = find_server(environ=env_of(home))
 
-    assert (found.url, found.token) == (LOCAL, None)
+    assert (server.url, server.token) == (LOCAL, None)
 
 
 def test_arguments_override_environment_variables(home):
@@ -74,7 +72,7 @@ def test_note_applies_only_to_its_host_and_port(home):
 
 
 @pytest.mark.parametrize(
-    ("noted", "asked"),
+    ("noted", "host"),
     [
         ("localhost", "localhost"),
         ("localhost", "127.0.0.1"),
@@ -83,12 +81,12 @@ def test_note_applies_only_to_its_host_and_port(home):
         ("[0:0:0:0:0:0:0:1]", "[::1]"),
     ],
 )
-def test_note_applies_to_every_form_of_its_address(home, noted, asked):
+def test_note_applies_to_every_form_of_its_address(home, noted, host):
     note(home, f"http://{noted}:9000", write_token(home / "elsewhere", "noted"))
 
-    found = find_server(f"http://{asked}:9000", environ=env_of(home))
+    server = find_server(f"http://{host}:9000", environ=env_of(home))
 
-    assert found.token == "noted"
+    assert server.token == "noted"
 
 
 @pytest.mark.parametrize(

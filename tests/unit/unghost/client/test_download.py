@@ -1,7 +1,5 @@
 """Downloads: interrupted ones are resumed, and only a complete file appears."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from dataclasses import replace

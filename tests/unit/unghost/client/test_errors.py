@@ -1,7 +1,5 @@
 """Each failed or unreadable answer raises the exception that describes it."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from contextlib import closing

@@ -1,7 +1,5 @@
 """A token found on disk is not sent if another user's program has the port."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

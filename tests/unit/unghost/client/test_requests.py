@@ -4,8 +4,6 @@ Nothing is sent here. The document is the pinned one, which is compared with the
 service; the methods that stream, such as `push` and `events`, have tests of their own.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable
@@ -79,8 +77,8 @@ ANSWER = {
 }
 ask: Any = Asked()
 CALLS = {
-    asked.name: (route, asked)
-    for route, asked in [
+    request.name: (route, request)
+    for route, request in [
         ("GET /datasets", ask.datasets()),
         ("GET /datasets/{dataset}", ask.dataset("town")),
         ("POST /datasets", ask.create_dataset("town", classes=["car"], palette=None)),
@@ -231,13 +229,13 @@ def name_of(schema: Any) -> str:
 
 def answers_of(operation: Any) -> set[str]:
     """The names of successful answers; "bytes" for files and "None" for nothing."""
-    found = set()
-    for status, answer in operation["responses"].items():
+    names = set()
+    for status, response in operation["responses"].items():
         if status.startswith("2"):
-            content = answer.get("content", {})
+            content = response.get("content", {})
             json = content.get("application/json", {}).get("schema", {})
-            found.add(name_of(json) or ("bytes" if content else "None"))
-    return {re.sub("^Page_(.*)_$", r"\1", name) for name in found}
+            names.add(name_of(json) or ("bytes" if content else "None"))
+    return {re.sub("^Page_(.*)_$", r"\1", name) for name in names}
 
 
 def test_table_has_every_method():
@@ -246,13 +244,13 @@ def test_table_has_every_method():
 
 @pytest.mark.parametrize("name", CALLS)
 def test_request_is_sent_as_the_openapi_document_describes_it(name):
-    route, asked = CALLS[name]
-    call, operation = asked.sent(), described(route)
+    route, request = CALLS[name]
+    call, operation = request.sent(), described(route)
 
     assert call.method == route.partition(" ")[0]
     pattern = path_of(route).replace("{key}", ".+")
     assert re.fullmatch(re.sub(r"{\w+}", "[^/]+", pattern), call.path)
-    parameters = {one["name"] for one in operation.get("parameters", ())}
+    parameters = {row["name"] for row in operation.get("parameters", ())}
     assert query_of(call.params).keys() <= parameters
     sent, body = call.files or call.json or {}, body_of(operation)
     assert sent.keys() <= body.get("properties", {}).keys()
@@ -261,9 +259,9 @@ def test_request_is_sent_as_the_openapi_document_describes_it(name):
 
 @pytest.mark.parametrize("name", [name for name in CALLS if name != "bulk_review"])
 def test_all_that_a_method_is_given_is_sent(name):
-    route, asked = CALLS[name]
-    call, kwargs = asked.sent(), asked.kwargs
-    left = list(map(str, asked.args))
+    route, request = CALLS[name]
+    call, kwargs = request.sent(), request.kwargs
+    left = list(map(str, request.args))
 
     # The first arguments are those of the path.
     path = re.sub(r"{\w+}", lambda _: left.pop(0), path_of(route))
@@ -279,8 +277,8 @@ def test_result_is_the_answer_that_the_openapi_document_describes(name):
     annotation = str(inspect.signature(getattr(Api, name)).return_annotation)
     kinds = set(re.findall(r"\w+", annotation)) - {"Iterator", "wire"}
 
-    answers = answers_of(described(CALLS[name][0]))
-    assert {READ_FROM.get(kind, kind) for kind in kinds} == answers
+    described_kinds = answers_of(described(CALLS[name][0]))
+    assert {READ_FROM.get(kind, kind) for kind in kinds} == described_kinds
 
 
 def test_deletion_of_a_dataset_is_confirmed_by_its_name():
@@ -312,8 +310,8 @@ def test_text_with_the_ending_of_a_file_is_its_path(tmp_path):
 def test_bulk_review_sends_what_was_seen_of_its_boxes(boxes, selected):
     call = CLIENT.bulk_review("town", "keep", boxes, comment="all")
 
-    answer = {"dataset": "town", "verdict": "keep", "comment": "all"}
-    assert call.json == answer | selected
+    judgement = {"dataset": "town", "verdict": "keep", "comment": "all"}
+    assert call.json == judgement | selected
 
 
 @pytest.mark.parametrize("boxes", [{"verdict": "kept"}, [Decision.read(DECISION), 7]])

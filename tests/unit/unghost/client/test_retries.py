@@ -1,7 +1,5 @@
 """The client repeats a call only if that is safe and may help."""
 
-from __future__ import annotations
-
 import json
 import time
 from datetime import datetime, timezone

@@ -1,7 +1,5 @@
 """`push` sends frames in batches, and reports what became of each, after faults too."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from typing import Any, cast
@@ -78,17 +76,14 @@ def test_push_skips_frame_with_unchanged_content(batches, client, tmp_path):
     assert batches.taken == []
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
-        pytest.param(outgoing_frame("a", image=b"j"), id="as many other bytes"),
-        pytest.param(outgoing_frame("a", depth=b"i"), id="another kind of file"),
-        pytest.param(
-            OutgoingFrame("a", {"boxes": [{**BOX, "id": "7"}]}, {"image": b"i"}),
-            id="another box",
-        ),
-    ],
-)
+CHANGED = {
+    "as many other bytes": outgoing_frame("a", image=b"j"),
+    "another kind of file": outgoing_frame("a", depth=b"i"),
+    "another box": OutgoingFrame("a", {"boxes": [{**BOX, "id": 7}]}, {"image": b"i"}),
+}
+
+
+@pytest.mark.parametrize("changed", CHANGED.values(), ids=CHANGED)
 def test_push_sends_frame_with_changed_content(batches, client, changed):
     batches.known["a"] = outgoing_frame("a", image=b"i").digest()
 
@@ -161,8 +156,8 @@ def test_push_of_single_frames_goes_on_after_one_that_others_have_answered(
     outcomes = list(client.push("town", frames, replace=True))
 
     assert len(batches.put) == 2
-    errors = {one.key: str(one.error) for one in outcomes if isinstance(one, NotSent)}
-    assert errors == {"a": "by others"}
+    refused = [outcome for outcome in outcomes if isinstance(outcome, NotSent)]
+    assert {frame.key: str(frame.error) for frame in refused} == {"a": "by others"}
 
 
 UNREADABLE = "has a line that cannot be read"
@@ -279,9 +274,9 @@ def test_frame_whose_annotation_is_no_json_is_refused_alone(batches, client):
     frames = [outgoing_frame("a"), OutgoingFrame("b", {"boxes": {1, 2}}), *many(1)]
     batches.known["b"] = "other"
 
-    outcomes = {one.key: one for one in client.push("town", frames)}
+    outcomes = {outcome.key: outcome for outcome in client.push("town", frames)}
 
-    words = {key: one.word for key, one in outcomes.items()}
+    words = {key: outcome.word for key, outcome in outcomes.items()}
     assert words == {"a": "stored", "b": "refused", "0": "stored"}
     assert "cannot be written as JSON: found a value of type set" in str(
         getattr(outcomes["b"], "error", "")

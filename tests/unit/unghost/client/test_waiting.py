@@ -1,7 +1,5 @@
 """Waiting for runs and exports: restarts of the server, lost servers, Ctrl-C."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from contextlib import contextmanager
@@ -44,7 +42,7 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("response", "words"),
     [
         (json_reply({**EXPORT, "state": "cancelled"}), "was cancelled; the same"),
         (problem(409, "export_over"), "had ended already; the same"),
@@ -52,11 +50,11 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
     ],
 )
 def test_interrupting_wait_for_export_cancels_it_with_a_message(
-    scripted, client, answer, words
+    scripted, client, response, words
 ):
     told = json.dumps({**EXPORT, "state": "running"})
     events = f"event: progress\nid: 1\ndata: {told}\n\n"
-    scripted.answer(Reply(body=events.encode()), answer)
+    scripted.answer(Reply(body=events.encode()), response)
 
     with pytest.raises(
         KeyboardInterrupt, match=f"export 4 .*{words} command creates another"
@@ -67,7 +65,7 @@ def test_interrupting_wait_for_export_cancels_it_with_a_message(
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("response", "words"),
     [
         (json_reply({**RUN, "state": "cancelled"}), "run 21 was cancelled"),
         (problem(409, "run_over"), "run 21 had ended already"),
@@ -75,10 +73,10 @@ def test_interrupting_wait_for_export_cancels_it_with_a_message(
     ],
 )
 def test_interrupting_wait_for_run_with_cancel_says_what_became_of_it(
-    scripted, client, answer, words
+    scripted, client, response, words
 ):
     events = f"event: progress\nid: 1\ndata: {json.dumps(RUN)}\n\n"
-    scripted.answer(Reply(body=events.encode()), answer)
+    scripted.answer(Reply(body=events.encode()), response)
 
     with pytest.raises(KeyboardInterrupt, match=words):
         wait_for_run(client, Run.read(RUN), InterruptingScreen(), cancel=True)

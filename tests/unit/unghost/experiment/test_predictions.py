@@ -1,7 +1,5 @@
 """What a trainer has detected: how images may be called; errors name the result."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -40,11 +38,11 @@ def detections(experiment, results):
 
 @pytest.mark.parametrize("name", [7, "a__1.png", "a__1"])
 def test_images_are_called_by_number_or_by_file(experiment, name):
-    found = detections(experiment, [{**RESULT, "image_id": name}])
+    table = detections(experiment, [{**RESULT, "image_id": name}])
 
-    assert found.frame.tolist() == [0]
-    assert found.label.tolist() == [1]
-    assert found.xyxy == pytest.approx(np.array([[1.0, 2.0, 11.0, 22.0]]))
+    assert table.frame.tolist() == [0]
+    assert table.label.tolist() == [1]
+    assert table.xyxy == pytest.approx(np.array([[1.0, 2.0, 11.0, 22.0]]))
 
 
 def test_no_detection_is_a_result(experiment):

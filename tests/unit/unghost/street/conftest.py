@@ -1,7 +1,5 @@
 """Fixture: the first frames of the demo's drive, rendered once for all tests."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.decoded_frame import DecodedFrame

@@ -1,7 +1,5 @@
 """The rasteriser draws each covered pixel once, from the nearest triangle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Projecting triangles to the screen: clipping, hidden faces, and closed meshes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

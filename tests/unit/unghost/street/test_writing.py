@@ -1,7 +1,5 @@
 """Writing the demo's street as a dataset: manifest, files, truth and progress."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

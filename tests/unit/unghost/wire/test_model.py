@@ -1,7 +1,5 @@
 """Response models are strict where they are built, and lenient where they are read."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import datetime, timedelta, timezone
 from typing import Annotated, Literal
@@ -141,16 +139,16 @@ def test_building_a_response_without_a_field_raises(missing):
 
 def test_response_model_fields_have_no_defaults():
     told = [getattr(wire, name) for name in dir(wire)]
-    answers = [
+    responses = [
         kind
         for kind in told
         if isinstance(kind, type) and issubclass(kind, ResponseModel)
     ]
 
-    assert len(answers) > 50
+    assert len(responses) > 50
     assert [
         f"{kind.__name__}.{name}"
-        for kind in answers
+        for kind in responses
         if not issubclass(kind, SparseModel)
         for name, field in kind.model_fields.items()
         if not field.is_required()

@@ -3,8 +3,6 @@
 `test_model.py` tests what all models of responses share.
 """
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta, timezone
 
 import pytest

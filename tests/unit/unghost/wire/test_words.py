@@ -1,7 +1,5 @@
 """The API's words are the same as in the library's and the service's own tables."""
 
-from __future__ import annotations
-
 import re
 from typing import get_args
 
@@ -28,10 +26,10 @@ ANSWERS_BUT_CLEAR = [answer for answer in get_args(words.Answer) if answer != "c
 @pytest.mark.parametrize(
     ("hint", "table"),
     [
-        (words.Verdict, [one.value for one in Verdict]),
-        (VerdictName, [one.value for one in Verdict]),
+        (words.Verdict, [verdict.value for verdict in Verdict]),
+        (VerdictName, [verdict.value for verdict in Verdict]),
         (EvidenceChoice, EVIDENCE),
-        (words.Answer, [*(one.name.lower() for one in Answer if one), "clear"]),
+        (words.Answer, [*(each.name.lower() for each in Answer if each), "clear"]),
         (words.ReviewState, REVIEW_STATES),
         (words.EvidenceName, get_args(EvidenceName)),
         (words.Reason, get_args(ReasonLabel)),
