@@ -64,19 +64,19 @@ def test_servers_started_together_on_an_empty_database_use_one_token(tmp_path):
 
 
 def test_login_code_and_session_of_one_server_are_valid_on_the_other(replicas):
-    one, two = replicas.one.server.url, replicas.two.server.url
+    first, two = replicas.one.server.url, replicas.two.server.url
     code = replicas.two.server.login_link.partition("/#code=")[2]
-    opened = plain_http.post(f"{one}/api/v1/session", json={"code": code})
+    opened = plain_http.post(f"{first}/api/v1/session", json={"code": code})
     again = plain_http.post(f"{two}/api/v1/session", json={"code": code})
     shown = {"Authorization": f"Bearer {opened.json()['session']}"}
     with plain_http.Client(base_url=two, headers=shown) as browser:
-        known = browser.get("/api/v1/session")
+        session = browser.get("/api/v1/session")
         browser.delete("/api/v1/session")
-    with plain_http.Client(base_url=one, headers=shown) as browser:
+    with plain_http.Client(base_url=first, headers=shown) as browser:
         last_sent_s = wait_until_unauthorised(browser)
 
     assert (opened.status_code, again.status_code) == (201, 401)
-    assert known.json()["name"] == "admin"
+    assert session.json()["name"] == "admin"
     assert last_sent_s < REMEMBERED_S
 
 
@@ -103,18 +103,22 @@ def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer
     boxes = ada.box_ids(name)
 
     for box_id in boxes:
-        answers = call_concurrently(
+        responses = call_concurrently(
             partial(ada.review, box_id, "keep"), partial(bob.review, box_id, "reject")
         )
-        assert sorted(answer.status_code for answer in answers) == [201, 412]
-        (won,) = [answer.json() for answer in answers if answer.status_code == 201]
-        (lost,) = [answer.json() for answer in answers if answer.status_code == 412]
+        assert sorted(response.status_code for response in responses) == [201, 412]
+        (won,) = [
+            response.json() for response in responses if response.status_code == 201
+        ]
+        (lost,) = [
+            response.json() for response in responses if response.status_code == 412
+        ]
         shown = [each.api.json(f"/boxes/{box_id}") for each in replicas.both]
         assert shown[0] == shown[1]
         assert shown[0]["review"]["verdict"] == won["verdict"]
         assert lost["current"]["review"]["revision"] == 1
-    found = [each.api.json(f"/datasets/{name}/stats") for each in replicas.both]
-    assert found[0] == found[1]
+    counts = [each.api.json(f"/datasets/{name}/stats") for each in replicas.both]
+    assert counts[0] == counts[1]
 
 
 def answer_in_bulk_at_once(ada, bob, act, which):
@@ -136,11 +140,13 @@ def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_re
     for act in range(10):
         seen = [act] * len(boxes)
         which = {"dataset": name, "box_ids": boxes, "seen_revisions": seen}
-        answers = answer_in_bulk_at_once(ada, bob, act, which)
-        assert [answer.status_code for answer in answers] == [201, 201]
-        done = sorted((each.json() for each in answers), key=lambda one: one["count"])
-        assert [one["count"] for one in done] == [0, len(boxes)]
-        assert [one["stale"] for one in done] == [boxes, []]
+        responses = answer_in_bulk_at_once(ada, bob, act, which)
+        assert [response.status_code for response in responses] == [201, 201]
+        done = sorted(
+            (each.json() for each in responses), key=lambda batch: batch["count"]
+        )
+        assert [batch["count"] for batch in done] == [0, len(boxes)]
+        assert [batch["stale"] for batch in done] == [boxes, []]
         won = done[1]["verdict"]
         shown = [each.api.boxes(name) for each in replicas.both]
         assert shown[0] == shown[1]
@@ -159,9 +165,11 @@ def test_of_two_concurrent_bulk_answers_by_filter_the_later_is_stale(
     for act in range(5):
         page = ada.json("/boxes", dataset=name, count="true")
         which = {"dataset": name, "filter": {}, "snapshot": page["snapshot"]}
-        answers = answer_in_bulk_at_once(ada, bob, act, which)
-        assert sorted(answer.status_code for answer in answers) == [201, 412]
-        (late,) = [answer.json() for answer in answers if answer.status_code == 412]
+        responses = answer_in_bulk_at_once(ada, bob, act, which)
+        assert sorted(response.status_code for response in responses) == [201, 412]
+        (late,) = [
+            response.json() for response in responses if response.status_code == 412
+        ]
         assert late["code"] == "stale_snapshot"
         assert late["current"]["total"] == page["total"]
 
@@ -197,26 +205,26 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
         taken: list[int] = []
         for order in ("doubt", "random", "class"):
             filters = {"review": "undecided"}  # in doubt or not
-            wanted = {"limit": 2, "order": order, "exclude": taken, "filters": filters}
-            answer = clients[number].post(f"/datasets/{name}/queue", wanted)
-            assert answer.status_code == 200, answer.text
-            taken += [item["box_id"] for item in answer.json()["items"]]
+            body = {"limit": 2, "order": order, "exclude": taken, "filters": filters}
+            response = clients[number].post(f"/datasets/{name}/queue", body)
+            assert response.status_code == 200, response.text
+            taken += [item["box_id"] for item in response.json()["items"]]
         return taken
 
     with ThreadPoolExecutor(6) as pool:
-        given = list(pool.map(take_from_queue, range(6)))
+        parts = list(pool.map(take_from_queue, range(6)))
 
-    assert [len(one) for one in given] == [6] * 6
-    assert len({box for one in given for box in one}) == 36
+    assert [len(part) for part in parts] == [6] * 6
+    assert len({box for part in parts for box in part}) == 36
 
 
 def test_bulk_answer_of_one_server_is_undone_once_on_either(replicas, make_reviewer):
     one, two = make_reviewer()
     name = replicas.make_dataset(frames=4)
     ids = one.box_ids(name)
-    wanted = {"dataset": name, "box_ids": ids, "verdict": "reject"}
+    body = {"dataset": name, "box_ids": ids, "verdict": "reject"}
 
-    batch = one.post("/reviews/bulk", wanted).json()
+    batch = one.post("/reviews/bulk", body).json()
     seen = two.json(f"/datasets/{name}/stats")["effective"]["rejected"]
     undone = call_concurrently(
         lambda: one.post(f"/review-batches/{batch['id']}/undo"),
@@ -224,7 +232,7 @@ def test_bulk_answer_of_one_server_is_undone_once_on_either(replicas, make_revie
     )
 
     assert (batch["count"], seen) == (8, 8)
-    assert sorted(answer.status_code for answer in undone) == [200, 409]
+    assert sorted(response.status_code for response in undone) == [200, 409]
     assert one.json(f"/datasets/{name}/stats")["effective"]["rejected"] == 4
 
 
@@ -234,9 +242,9 @@ def test_preview_cache_of_one_server_follows_writes_of_the_other(replicas):
     preview = {"config": {"min_visible_pixels": 10**6}}
 
     def flips(api):
-        answer = api.post(f"/datasets/{name}/preview", preview)
-        assert answer.status_code == 200, answer.text
-        return answer.json()["flips"]["total"]
+        response = api.post(f"/datasets/{name}/preview", preview)
+        assert response.status_code == 200, response.text
+        return response.json()["flips"]["total"]
 
     before = flips(one), flips(two)
     one.upload_frame(name, "more", {**scene.annotation(), "number": 77})
@@ -296,23 +304,23 @@ def test_export_events_of_one_server_are_read_on_the_other(replicas):
     for number in range(3):
         one.upload_frame(name, f"f/{number}")
 
-    asked = one.post(f"/datasets/{name}/exports", {"format": "coco"})
-    seen = events(two, asked.json()["id"], of="exports")
+    export = one.post(f"/datasets/{name}/exports", {"format": "coco"})
+    seen = events(two, export.json()["id"], of="exports")
 
     assert [event.name for event in seen][-1] == "end"
-    assert seen[-1].data == one.json(f"/exports/{asked.json()['id']}")
+    assert seen[-1].data == one.json(f"/exports/{export.json()['id']}")
     assert seen[-1].data["state"] == "done"
 
 
 def test_null_character_in_a_name_is_a_client_error(replicas):
-    answers = [
+    responses = [
         replicas.one.api.get("/datasets/%00"),
         replicas.one.api.get("/boxes?dataset=%00"),
         replicas.one.api.post("/datasets/%00/queue", {}),
         replicas.one.api.put("%00", "a"),
     ]
 
-    assert {answer.status_code for answer in answers} <= {404, 422}
+    assert {response.status_code for response in responses} <= {404, 422}
 
 
 def test_each_event_is_delivered_once_by_one_of_two_servers(replicas):

@@ -13,9 +13,9 @@ from tests.support.connections import open_connection, read_until_closed
     "host", ["evil.example", "127.0.0.1.evil.example:80", "localhost.", "[::2]:8000"]
 )
 def test_unknown_host_returns_421(admin, host):
-    answer = admin.get("/version", headers={"Host": host})
+    response = admin.get("/version", headers={"Host": host})
 
-    assert (answer.status_code, answer.json()["code"]) == (421, "misdirected_host")
+    assert (response.status_code, response.json()["code"]) == (421, "misdirected_host")
 
 
 @pytest.mark.parametrize(

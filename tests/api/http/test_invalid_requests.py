@@ -55,10 +55,10 @@ def test_validation_error_has_the_expected_and_the_found_value(
     api, method, path, body, detail
 ):
     headers = {"Content-Type": "application/json"}
-    answer = api.http.request(method, f"/api/v1{path}", content=body, headers=headers)
+    response = api.http.request(method, f"/api/v1{path}", content=body, headers=headers)
 
-    problem = answer.json()
-    assert (answer.status_code, problem["code"]) == (422, "invalid_request"), problem
+    problem = response.json()
+    assert (response.status_code, problem["code"]) == (422, "invalid_request"), problem
     assert problem["detail"].startswith(detail)
 
 
@@ -70,10 +70,10 @@ def test_validation_error_has_the_expected_and_the_found_value(
     ],
 )
 def test_possible_token_in_an_invalid_body_is_not_echoed(api, path, body):
-    answer = api.post(path, body)
+    response = api.post(path, body)
 
-    assert answer.status_code == 422
-    assert SECRET not in answer.text
+    assert response.status_code == 422
+    assert SECRET not in response.text
 
 
 def find_patterns(document):

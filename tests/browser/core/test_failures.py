@@ -97,7 +97,9 @@ def test_failed_part_of_a_view_shows_error_and_can_be_retried(
 
     page.unroute(re.compile(asked))
     # A failed response to a second such request may still be on its way.
-    with page.expect_response(lambda got: got.ok and bool(re.search(asked, got.url))):
+    with page.expect_response(
+        lambda response: response.ok and bool(re.search(asked, response.url))
+    ):
         place.get_by_role("button", name="Try again").click()
 
     expect(failure).to_have_count(0)
