@@ -137,9 +137,15 @@ TAGS = st.one_of(visible, st.sampled_from(["*", "W/*", '"', '"a", W/"b"', ",,,"]
 
 
 @on_a_server
-@given(wanted=ranges, known=st.one_of(st.none(), TAGS), of=st.one_of(st.none(), TAGS))
-def test_any_range_and_etag_return_file_bytes_or_are_refused(api, wanted, known, of):
-    chosen = {"Range": wanted, "If-None-Match": known, "If-Range": of}
+@given(
+    byte_range=ranges,
+    etag=st.one_of(st.none(), TAGS),
+    if_range=st.one_of(st.none(), TAGS),
+)
+def test_any_range_and_etag_return_file_bytes_or_are_refused(
+    api, byte_range, etag, if_range
+):
+    chosen = {"Range": byte_range, "If-None-Match": etag, "If-Range": if_range}
     headers = {name: text.strip() for name, text in chosen.items() if text is not None}
     frame = api.json(f"/datasets/{DATASET}/frames", limit=1)["items"][0]["id"]
     response = check_no_server_error(

@@ -77,7 +77,7 @@ def test_event_stream_matches_the_openapi_document(api, path_values, path, name,
         dict(line.split(": ", 1) for line in block.splitlines()) for block in blocks
     ]
     assert events[-1]["event"] == "end"
-    known = check_response_is_documented(
+    not_modified = check_response_is_documented(
         api.http.get(
             BASE + path.format(**path_values),
             headers={"Last-Event-ID": events[-1]["id"]},
@@ -85,7 +85,7 @@ def test_event_stream_matches_the_openapi_document(api, path_values, path, name,
         "GET",
         path,
     )
-    assert known.status_code == 204
+    assert not_modified.status_code == 204
     assert {model.model_validate_json(event["data"]).id for event in events} == {
         path_values[name]
     }

@@ -150,25 +150,25 @@ class ServiceAgainstModel(RuleBasedStateMachine):
         assert (batch["count"], batch["skipped"]) == (count, [])
         self.model.bulk(batch["id"], ids if count else [], verdict)
 
-    @rule(wanted=FILTERS)
-    def filter(self, wanted):
+    @rule(filters=FILTERS)
+    def filter(self, filters):
         page = self.api.json(
-            "/boxes", dataset=self.name, limit=1000, count="true", **wanted
+            "/boxes", dataset=self.name, limit=1000, count="true", **filters
         )
-        expected = self.model.selected(wanted)
+        expected = self.model.selected(filters)
         assert [box["box_id"] for box in page["items"]] == expected
         assert page["total"] == len(expected)
 
-    @rule(wanted=FILTERS, verdict=ANSWERS, is_late=st.sampled_from([0, 0, 0, 1]))
-    def bulk_by_filter(self, wanted, verdict, is_late):
-        seen = self.api.json("/boxes", dataset=self.name, count="true", **wanted)
-        ids = self.model.selected(wanted)
+    @rule(filters=FILTERS, verdict=ANSWERS, is_late=st.sampled_from([0, 0, 0, 1]))
+    def bulk_by_filter(self, filters, verdict, is_late):
+        seen = self.api.json("/boxes", dataset=self.name, count="true", **filters)
+        ids = self.model.selected(filters)
         if is_late and ids:
             box = self.model.boxes()[ids[0]]
             late = "keep" if box.review == "unsure" else "unsure"
             assert self.api.review(ids[0], late, len(box.answers)).is_success
             box.answer(late)
-        body = {"dataset": self.name, "verdict": verdict, "filter": wanted}
+        body = {"dataset": self.name, "verdict": verdict, "filter": filters}
         response = self.api.post("/reviews/bulk", body | {"snapshot": seen["snapshot"]})
         if is_late and ids:
             assert (response.status_code, response.json()["code"]) == (
@@ -230,9 +230,9 @@ class ServiceAgainstModel(RuleBasedStateMachine):
         assert set(first) <= set(unanswered)
         assert set(ids[len(first) :]) <= set(unsure)
 
-    @rule(wanted=st.sampled_from(["decisions-jsonl", "yolo"]))
-    def export(self, wanted):
-        accepted = self.api.post(f"/datasets/{self.name}/exports", {"format": wanted})
+    @rule(form=st.sampled_from(["decisions-jsonl", "yolo"]))
+    def export(self, form):
+        accepted = self.api.post(f"/datasets/{self.name}/exports", {"format": form})
         export = self.api.wait_for_job(accepted)
         assert export["state"] == "done", export
         response = self.api.get(f"/exports/{export['id']}/download")
@@ -243,7 +243,7 @@ class ServiceAgainstModel(RuleBasedStateMachine):
                 if name.endswith((".txt", ".jsonl"))
             }
         boxes = self.model.boxes()
-        if wanted == "yolo":
+        if form == "yolo":
             labels = "".join(text for name, text in texts.items() if "labels/" in name)
             # Unmeasured boxes are exported as they came.
             left = [box for box in boxes.values() if box.effective != "rejected"]

@@ -42,8 +42,8 @@ def wait_until_unauthorised(client, path="/api/v1/datasets"):
 
 
 def test_servers_that_share_a_data_folder_share_the_first_token(replicas):
-    assert replicas.one.server.token == replicas.two.server.token
-    assert replicas.two.api.get("/session").json()["role"] == "admin"
+    assert replicas.first.server.token == replicas.second.server.token
+    assert replicas.second.api.get("/session").json()["role"] == "admin"
 
 
 def test_servers_started_together_on_an_empty_database_use_one_token(tmp_path):
@@ -64,12 +64,12 @@ def test_servers_started_together_on_an_empty_database_use_one_token(tmp_path):
 
 
 def test_login_code_and_session_of_one_server_are_valid_on_the_other(replicas):
-    first, two = replicas.one.server.url, replicas.two.server.url
-    code = replicas.two.server.login_link.partition("/#code=")[2]
+    first, second = replicas.first.server.url, replicas.second.server.url
+    code = replicas.second.server.login_link.partition("/#code=")[2]
     opened = plain_http.post(f"{first}/api/v1/session", json={"code": code})
-    again = plain_http.post(f"{two}/api/v1/session", json={"code": code})
+    again = plain_http.post(f"{second}/api/v1/session", json={"code": code})
     shown = {"Authorization": f"Bearer {opened.json()['session']}"}
-    with plain_http.Client(base_url=two, headers=shown) as browser:
+    with plain_http.Client(base_url=second, headers=shown) as browser:
         session = browser.get("/api/v1/session")
         browser.delete("/api/v1/session")
     with plain_http.Client(base_url=first, headers=shown) as browser:
@@ -81,17 +81,20 @@ def test_login_code_and_session_of_one_server_are_valid_on_the_other(replicas):
 
 
 def test_revoked_token_is_unauthorised_on_both_servers_within_a_second(replicas):
-    made = replicas.one.api.post("/tokens", {"name": "eve", "role": "viewer"}).json()
+    made = replicas.first.api.post("/tokens", {"name": "eve", "role": "viewer"}).json()
     headers = {"Authorization": f"Bearer {made['token']}"}
     with (
-        Api.at(replicas.one.server.url, headers).http as one,
-        Api.at(replicas.two.server.url, headers).http as two,
+        Api.at(replicas.first.server.url, headers).http as first,
+        Api.at(replicas.second.server.url, headers).http as second,
     ):
-        assert [each.get("/version").status_code for each in (one, two)] == [200, 200]
+        assert [each.get("/version").status_code for each in (first, second)] == [
+            200,
+            200,
+        ]
 
-        revoked = replicas.one.api.http.delete(f"{BASE}/tokens/{made['id']}")
-        here = one.get("/version").status_code
-        last_sent_s = wait_until_unauthorised(two)
+        revoked = replicas.first.api.http.delete(f"{BASE}/tokens/{made['id']}")
+        here = first.get("/version").status_code
+        last_sent_s = wait_until_unauthorised(second)
 
     assert (revoked.status_code, here) == (204, 401)
     assert last_sent_s < REMEMBERED_S
@@ -152,7 +155,7 @@ def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_re
         assert shown[0] == shown[1]
         said = [(box["revision"], box["review"]["verdict"]) for box in shown[0]]
         assert said == [(act + 1, won)] * len(boxes)
-        stats = replicas.one.api.json(f"/datasets/{name}/stats")
+        stats = replicas.first.api.json(f"/datasets/{name}/stats")
         assert (stats["reviewed"], stats["boxes"]) == (len(boxes), len(boxes))
 
 
@@ -175,9 +178,9 @@ def test_of_two_concurrent_bulk_answers_by_filter_the_later_is_stale(
 
 
 def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_reviewer):
-    one, two = make_reviewer()
+    first, second = make_reviewer()
     name = replicas.make_dataset()
-    box = one.boxes(name)[0]["box_id"]
+    box = first.boxes(name)[0]["box_id"]
 
     def post_review_with_key(api, number):
         path = f"{BASE}/boxes/{box}/reviews"
@@ -186,15 +189,17 @@ def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_revi
         return api.http.post(path, json=body, headers=headers)
 
     for number in range(10):
-        first, second = call_concurrently(
-            partial(post_review_with_key, one, number),
-            partial(post_review_with_key, two, number),
+        stored, repeated = call_concurrently(
+            partial(post_review_with_key, first, number),
+            partial(post_review_with_key, second, number),
         )
-        assert (first.status_code, second.status_code) == (201, 201), number
-        assert first.content == second.content
-        replayed = [each.headers.get("Idempotent-Replayed") for each in (first, second)]
+        assert (stored.status_code, repeated.status_code) == (201, 201), number
+        assert stored.content == repeated.content
+        replayed = [
+            each.headers.get("Idempotent-Replayed") for each in (stored, repeated)
+        ]
         assert replayed.count("true") == 1
-    assert one.json(f"/boxes/{box}")["review"]["revision"] == 10
+    assert first.json(f"/boxes/{box}")["review"]["revision"] == 10
 
 
 def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
@@ -219,25 +224,25 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
 
 
 def test_bulk_answer_of_one_server_is_undone_once_on_either(replicas, make_reviewer):
-    one, two = make_reviewer()
+    first, second = make_reviewer()
     name = replicas.make_dataset(frames=4)
-    ids = one.box_ids(name)
+    ids = first.box_ids(name)
     body = {"dataset": name, "box_ids": ids, "verdict": "reject"}
 
-    batch = one.post("/reviews/bulk", body).json()
-    seen = two.json(f"/datasets/{name}/stats")["effective"]["rejected"]
+    batch = first.post("/reviews/bulk", body).json()
+    seen = second.json(f"/datasets/{name}/stats")["effective"]["rejected"]
     undone = call_concurrently(
-        lambda: one.post(f"/review-batches/{batch['id']}/undo"),
-        lambda: two.post(f"/review-batches/{batch['id']}/undo"),
+        lambda: first.post(f"/review-batches/{batch['id']}/undo"),
+        lambda: second.post(f"/review-batches/{batch['id']}/undo"),
     )
 
     assert (batch["count"], seen) == (8, 8)
     assert sorted(response.status_code for response in undone) == [200, 409]
-    assert one.json(f"/datasets/{name}/stats")["effective"]["rejected"] == 4
+    assert first.json(f"/datasets/{name}/stats")["effective"]["rejected"] == 4
 
 
 def test_preview_cache_of_one_server_follows_writes_of_the_other(replicas):
-    one, two = (each.api for each in replicas.both)
+    first, second = (each.api for each in replicas.both)
     name = replicas.make_dataset(frames=2)
     preview = {"config": {"min_visible_pixels": 10**6}}
 
@@ -246,24 +251,26 @@ def test_preview_cache_of_one_server_follows_writes_of_the_other(replicas):
         assert response.status_code == 200, response.text
         return response.json()["flips"]["total"]
 
-    before = flips(one), flips(two)
-    one.upload_frame(name, "more", {**scene.annotation(), "number": 77})
-    added = flips(one), flips(two)
-    two.http.delete(f"{BASE}/datasets/{name}/frames/000")
-    removed = flips(one), flips(two)
-    two.upload_frame(name, "more", {**scene.annotation(), "number": 78}, replace=True)
-    replaced = flips(one), flips(two)
-    ran = one.run(name, {"min_visible_pixels": 10**6})
-    decided = flips(one), flips(two)
+    before = flips(first), flips(second)
+    first.upload_frame(name, "more", {**scene.annotation(), "number": 77})
+    added = flips(first), flips(second)
+    second.http.delete(f"{BASE}/datasets/{name}/frames/000")
+    removed = flips(first), flips(second)
+    second.upload_frame(
+        name, "more", {**scene.annotation(), "number": 78}, replace=True
+    )
+    replaced = flips(first), flips(second)
+    ran = first.run(name, {"min_visible_pixels": 10**6})
+    decided = flips(first), flips(second)
 
     assert (before, added, removed, replaced) == ((2, 2), (3, 3), (2, 2), (2, 2))
     assert (ran["changed"], decided) == (2, (0, 0))
-    two.upload_frame(name, "last", {**scene.annotation(), "number": 79})
-    assert two.json(f"/datasets/{name}/stats")["kept"] == 0
+    second.upload_frame(name, "last", {**scene.annotation(), "number": 79})
+    assert second.json(f"/datasets/{name}/stats")["kept"] == 0
 
 
 def test_config_activated_on_one_server_decides_frames_on_the_other(replicas):
-    one, two = (each.api for each in replicas.both)
+    first, second = (each.api for each in replicas.both)
     name = replicas.make_dataset(frames=2)
 
     for number in range(4):
@@ -274,66 +281,68 @@ def test_config_activated_on_one_server_decides_frames_on_the_other(replicas):
         )
         verdicts = [decision["verdict"] for decision in stored["decisions"]]
         assert verdicts == ["kept" if number % 2 else "rejected", "rejected"]
-    assert one.json(f"/datasets/{name}/stats") == two.json(f"/datasets/{name}/stats")
+    assert first.json(f"/datasets/{name}/stats") == second.json(
+        f"/datasets/{name}/stats"
+    )
 
 
 def test_run_of_one_server_is_followed_and_cancelled_on_the_other(replicas):
-    one, two = (each.api for each in replicas.both)
-    name = create_slow_dataset(one, 20)
+    first, second = (each.api for each in replicas.both)
+    name = create_slow_dataset(first, 20)
 
-    accepted = one.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
+    accepted = first.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
     run_id = accepted.json()["id"]
-    with open_events(two, run_id) as stream:
+    with open_events(second, run_id) as stream:
         seen = list(stream)
     for config in OTHER_PIXELS:
-        cut = one.post(f"/datasets/{name}/runs", {"config": config})
-        cancelled = two.post(f"/runs/{cut.json()['id']}/cancel")
+        cut = first.post(f"/datasets/{name}/runs", {"config": config})
+        cancelled = second.post(f"/runs/{cut.json()['id']}/cancel")
         if cancelled.status_code == 202:  # otherwise it was over before
             break
-    ended = two.wait_for_job(cut)
+    ended = second.wait_for_job(cut)
 
     assert seen[-1].name == "end"
-    assert one.json(f"/runs/{run_id}")["state"] == "done"
+    assert first.json(f"/runs/{run_id}")["state"] == "done"
     assert cancelled.status_code == 202
     assert ended["state"] == "cancelled"
 
 
 def test_export_events_of_one_server_are_read_on_the_other(replicas):
-    one, two = replicas.one.api, replicas.two.api
-    name = one.dataset()
+    first, second = replicas.first.api, replicas.second.api
+    name = first.dataset()
     for number in range(3):
-        one.upload_frame(name, f"f/{number}")
+        first.upload_frame(name, f"f/{number}")
 
-    export = one.post(f"/datasets/{name}/exports", {"format": "coco"})
-    seen = events(two, export.json()["id"], of="exports")
+    export = first.post(f"/datasets/{name}/exports", {"format": "coco"})
+    seen = events(second, export.json()["id"], of="exports")
 
     assert [event.name for event in seen][-1] == "end"
-    assert seen[-1].data == one.json(f"/exports/{export.json()['id']}")
+    assert seen[-1].data == first.json(f"/exports/{export.json()['id']}")
     assert seen[-1].data["state"] == "done"
 
 
 def test_null_character_in_a_name_is_a_client_error(replicas):
     responses = [
-        replicas.one.api.get("/datasets/%00"),
-        replicas.one.api.get("/boxes?dataset=%00"),
-        replicas.one.api.post("/datasets/%00/queue", {}),
-        replicas.one.api.put("%00", "a"),
+        replicas.first.api.get("/datasets/%00"),
+        replicas.first.api.get("/boxes?dataset=%00"),
+        replicas.first.api.post("/datasets/%00/queue", {}),
+        replicas.first.api.put("%00", "a"),
     ]
 
     assert {response.status_code for response in responses} <= {404, 422}
 
 
 def test_each_event_is_delivered_once_by_one_of_two_servers(replicas):
-    one, two = (each.api for each in replicas.both)
+    first, second = (each.api for each in replicas.both)
     with receiving() as receiver:
-        hook = one.post("/hooks", {"url": receiver.url}).json()
+        hook = first.post("/hooks", {"url": receiver.url}).json()
         for number in range(6):
-            (one, two)[number % 2].post(f"/hooks/{hook['id']}/ping")
+            (first, second)[number % 2].post(f"/hooks/{hook['id']}/ping")
         receiver.wait_for(6)
         log = f"/hooks/{hook['id']}/deliveries"
-        until(lambda: not any(entry["due_at"] for entry in two.json(log)["items"]))
+        until(lambda: not any(entry["due_at"] for entry in second.json(log)["items"]))
         time.sleep(2 * EVERY_S)
         delivered = [request.headers["webhook-id"] for request in receiver.received]
-    two.delete(f"/hooks/{hook['id']}")
+    second.delete(f"/hooks/{hook['id']}")
 
     assert len(delivered) == len(set(delivered)) == 6

@@ -58,7 +58,7 @@ def test_if_none_match_of_a_file_returns_304(api, path, form):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "status", "part"),
+    ("byte_range", "status", "part"),
     [
         ("bytes=0-3", 206, CONTENT[:4]),
         ("bytes=-5", 206, CONTENT[-5:]),
@@ -76,10 +76,10 @@ def test_if_none_match_of_a_file_returns_304(api, path, form):
     ],
 )
 def test_single_byte_range_is_served_and_invalid_range_ignored(
-    api, path, wanted, status, part
+    api, path, byte_range, status, part
 ):
     """Superscript digits and numbers of five thousand digits used to give a 500."""
-    response = api.http.get(path, headers=[(b"Range", wanted.encode("latin-1"))])
+    response = api.http.get(path, headers=[(b"Range", byte_range.encode("latin-1"))])
 
     assert response.status_code == status
     if part is None:

@@ -90,12 +90,12 @@ def find_patterns(document):
 def test_every_pattern_has_a_readable_error_message(tmp_path):
     app = create_app(Settings(data=tmp_path))
     # This pattern is left out, as its error has a message of its own.
-    known = set(find_patterns(json.loads(json.dumps(app.openapi())))) - {
+    patterns = set(find_patterns(json.loads(json.dumps(app.openapi())))) - {
         "^[!-~]{1,200}$"
     }
 
-    assert len(known) > 3
-    for pattern in known:
+    assert len(patterns) > 3
+    for pattern in patterns:
         error = InvalidValue(
             type="string_pattern_mismatch",
             loc=("body", "name"),

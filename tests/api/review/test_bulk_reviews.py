@@ -270,7 +270,7 @@ def run_other_threshold(api, dataset, boxes):
 
 
 @pytest.mark.parametrize(
-    ("meanwhile", "found", "changed"),
+    ("meanwhile", "total", "changed"),
     [
         (add_frame, 4, 1),
         (delete_frame, 2, 0),
@@ -282,7 +282,7 @@ def run_other_threshold(api, dataset, boxes):
     ],
 )
 def test_bulk_answer_on_a_stale_filter_snapshot_returns_412(
-    api, dataset, ghosts, meanwhile, found, changed
+    api, dataset, ghosts, meanwhile, total, changed
 ):
     chosen = {"filter": {"verdict": "rejected"}}
     seen = snapshot(api, dataset, verdict="rejected")
@@ -294,14 +294,14 @@ def test_bulk_answer_on_a_stale_filter_snapshot_returns_412(
     problem = stale.json()
     assert (stale.status_code, problem["code"]) == (412, "stale_snapshot")
     now = snapshot(api, dataset, verdict="rejected")
-    assert problem["current"] == {"total": found, "snapshot": now}
+    assert problem["current"] == {"total": total, "snapshot": now}
     assert problem["detail"] == (
-        f"the filter selects {found} boxes now, 3 when they were listed; "
+        f"the filter selects {total} boxes now, 3 when they were listed; "
         f"added, decided again or answered since then: {changed}"
     )
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == reviewed
     again = bulk(api, dataset, "reject", **chosen, snapshot=now)
-    assert (again.status_code, again.json()["count"]) == (201, found)
+    assert (again.status_code, again.json()["count"]) == (201, total)
 
 
 def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
