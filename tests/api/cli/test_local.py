@@ -517,24 +517,18 @@ def test_serve_for_other_machines_says_how_a_host_name_is_allowed(bare_unghost):
     assert "under a host name they are refused (421) until it is in UNGHOST_ALL" in err
 
 
-def test_serve_on_a_port_in_use_is_refused(bare_unghost, server):
+@pytest.mark.parametrize("command", [("serve",), ("demo", "--frames", "1")])
+def test_port_in_use_is_refused_before_anything_is_rendered(
+    bare_unghost, server, tmp_path, command
+):
     port = server.url.rpartition(":")[2]
 
-    result = bare_unghost("serve", "--data", "here", "--port", port)
+    result = bare_unghost(*command, "--data", "here", "--port", port)
 
     assert result.code == REFUSED
     assert "cannot listen" in result.err
     assert "--port chooses another port" in result.err
     assert "Traceback" not in result.err
-
-
-def test_demo_on_a_port_in_use_renders_nothing(bare_unghost, server, tmp_path):
-    port = server.url.rpartition(":")[2]
-
-    result = bare_unghost("demo", "--data", "here", "--port", port, "--frames", "1")
-
-    assert result.code == REFUSED
-    assert "cannot listen" in result.err
     assert not (tmp_path / "here" / "demo").exists()
 
 

@@ -301,21 +301,18 @@ def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, admin
     ] == [(boss, str(boxes[0]), {"dataset": name, "revision": 1, "reviewer": grace})]
 
 
-def test_answer_counts_again_once_an_admin_has_undone_its_undo(street, person):
+@pytest.mark.parametrize("is_undone_before", [False, True])
+def test_answer_counts_where_an_admin_has_undone_it_or_its_undo(
+    street, person, is_undone_before
+):
     name, boxes = street
     (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
     hers.review(boxes[0], "keep")
-    hers.post(f"/boxes/{boxes[0]}/reviews/1/undo")
-    assert admins.post(f"/boxes/{boxes[0]}/reviews/2/undo").status_code == 201
-
-    assert grace in refusal(replace(his, name))[2]
-
-
-def test_answers_that_an_admin_has_undone_may_not_be_discarded(street, person):
-    name, boxes = street
-    (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
-    hers.review(boxes[0], "keep")
-    admins.post(f"/boxes/{boxes[0]}/reviews/1/undo")
+    if is_undone_before:
+        hers.post(f"/boxes/{boxes[0]}/reviews/1/undo")
+    latest = 2 if is_undone_before else 1
+    undone = admins.post(f"/boxes/{boxes[0]}/reviews/{latest}/undo")
+    assert undone.status_code == 201
 
     assert grace in refusal(replace(his, name))[2]
 
