@@ -81,13 +81,19 @@ def test_plot_names_the_evaluated_channel(bare_unghost, folder, tmp_path):
     assert "ordered" in texts
 
 
-def test_invalid_truth_file_is_refused_with_its_line(bare_unghost, folder):
-    (folder / "truth.jsonl").write_text("nonsense")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("nonsense", "truth.jsonl, line 1"), ("", "nothing was compared")],
+)
+def test_invalid_or_empty_truth_is_refused(bare_unghost, folder, text, message):
+    truth = folder / "truth.jsonl"
+    truth.write_text(text)
 
-    result = bare_unghost("evaluate", folder, "--truth", folder / "truth.jsonl")
+    result = bare_unghost("evaluate", folder, "--truth", truth, "--suggest")
 
     assert result.code == REFUSED
-    assert "truth.jsonl, line 1" in result.err
+    assert message in result.err
+    assert "no threshold can be suggested" not in result.err
 
 
 @pytest.fixture
@@ -173,18 +179,6 @@ def test_truth_of_other_frames_is_counted_and_exits_with_3(bare_unghost, folder)
         "lines of the ground truth about no box here: 2, such as those of frame 'x'"
         in result.err
     )
-
-
-def test_empty_truth_is_refused(bare_unghost, folder):
-    (folder / "truth.jsonl").write_text("")
-
-    result = bare_unghost(
-        "evaluate", folder, "--truth", folder / "truth.jsonl", "--suggest"
-    )
-
-    assert result.code == REFUSED
-    assert "nothing was compared" in result.err
-    assert "no threshold can be suggested" not in result.err
 
 
 def test_recall_option_without_suggest_is_refused(bare_unghost, folder):

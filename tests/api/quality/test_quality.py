@@ -245,12 +245,9 @@ def test_answer_that_somebody_else_has_cleared_counts_for_its_reviewer(
 
     agreed = report["agreement"]
     assert (agreed["boxes"], agreed["agreed"]) == (1, 0)
-    assert {
-        person["name"][:3]: person["answers"] for person in report["reviewers"]
-    } == {
-        "ada": 1,
-        "eve": 1,
-    }
+    names = [person["name"][:3] for person in report["reviewers"]]
+    assert [person["answers"] for person in report["reviewers"]] == [1, 1]
+    assert sorted(names) == ["ada", "eve"]
 
 
 @pytest.mark.parametrize("in_bulk", [False, True])
@@ -271,9 +268,8 @@ def test_undone_answer_counts_for_no_reviewer(api, dataset, people, in_bulk):
 
     assert confusion_counts(report["confusion"])[0::2] == [1, 0]
     assert report["agreement"]["boxes"] == 0
-    assert [(person["name"][:3], person["keep"]) for person in report["reviewers"]] == [
-        ("ada", 1)
-    ]
+    (reviewer,) = report["reviewers"]
+    assert (reviewer["name"][:3], reviewer["keep"]) == ("ada", 1)
 
 
 def test_thresholds_are_suggested_from_the_answers(api, dataset):
