@@ -137,8 +137,8 @@ def ghosts(api: Api, dataset: str) -> list[int]:
 def path_values(service: Live) -> dict[str, Any]:
     """Stores something for every GET route; gives the values for their paths."""
     with service.admin() as admin:
-        wanted = {"name": "street", "description": MARKUP}
-        admin.post("/api/v1/datasets", json=wanted)
+        body = {"name": "street", "description": MARKUP}
+        admin.post("/api/v1/datasets", json=body)
         annotation: dict[str, Any] = scene.annotation()
         marked = {"id": MARKUP, "class": MARKUP, "xyxy": scene.ON_THE_CAR}
         boxes = [*annotation["boxes"], marked]

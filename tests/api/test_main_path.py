@@ -31,16 +31,16 @@ def street(api):
 
 
 def stats(api, name):
-    found = api.json(f"/datasets/{name}/stats")
-    return found["frames"], found["kept"], found["rejected"]
+    counts = api.json(f"/datasets/{name}/stats")
+    return counts["frames"], counts["kept"], counts["rejected"]
 
 
 def take_from_queue(api, name, limit):
-    answer = api.post(
+    response = api.post(
         f"/datasets/{name}/queue", {"limit": limit, "filters": {"review": "undecided"}}
     )
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
 def test_main_path_of_upload_review_undo_run_and_export(api, street):

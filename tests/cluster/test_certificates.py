@@ -66,17 +66,17 @@ def test_each_certificate_is_signed_for_its_hosts_and_days(issued):
     authority = read_certificate(folder, "ca")
     soon = datetime.now(timezone.utc) + timedelta(days=30)
     for name in NODES:
-        found = read_certificate(folder, name)
-        found.verify_directly_issued_by(authority)
-        names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName)
-        key = found.public_key()
+        leaf = read_certificate(folder, name)
+        leaf.verify_directly_issued_by(authority)
+        names = leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+        key = leaf.public_key()
 
         assert names.value.get_values_for_type(x509.DNSName) == [HOSTS[0]]
         assert names.value.get_values_for_type(x509.IPAddress) == [ip_address(HOSTS[1])]
         assert isinstance(key, ec.EllipticCurvePublicKey)
         assert key.curve.name == "secp256r1"
-        assert abs(found.not_valid_after_utc - soon) < timedelta(hours=1)
-        basic = found.extensions.get_extension_for_class(x509.BasicConstraints)
+        assert abs(leaf.not_valid_after_utc - soon) < timedelta(hours=1)
+        basic = leaf.extensions.get_extension_for_class(x509.BasicConstraints)
         assert not basic.value.ca
 
 
@@ -125,12 +125,12 @@ def test_scheduler_on_a_port_in_use_exits_with_a_message(issued, tmp_path):
         port = str(taken.getsockname()[1])
 
         # In a new process: the library that listens closes its socket only at the exit.
-        answer = CommandLine(tmp_path, {}, anew=True)(
+        result = CommandLine(tmp_path, {}, anew=True)(
             "scheduler", "--host", "127.0.0.1", "--port", port, *words
         )
 
-    assert answer.code == 1
-    assert f"cannot listen at tls://127.0.0.1:{port}: Address already in" in answer.err
+    assert result.code == 1
+    assert f"cannot listen at tls://127.0.0.1:{port}: Address already in" in result.err
 
 
 @pytest.mark.long
@@ -144,10 +144,10 @@ def test_worker_without_a_scheduler_exits_with_69_and_the_reason(issued, tmp_pat
         f"UNGHOST_TLS_{key}": str(issued[0] / name) for key, name in names.items()
     }
 
-    answer = CommandLine(tmp_path, settings, anew=True)(
+    result = CommandLine(tmp_path, settings, anew=True)(
         *("worker", address, "--data", "data", "--patience", "1")
     )
 
-    assert answer.code == EXIT_UNREACHABLE
+    assert result.code == EXIT_UNREACHABLE
     words = rf"the scheduler at {address}: (Connection refused|Timed out [a-z ]+)"
-    assert re.search(words, answer.err), answer.err
+    assert re.search(words, result.err), result.err

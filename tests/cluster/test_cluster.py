@@ -46,12 +46,12 @@ def export_dataset(api, dataset):
 
     Gives the hashes of both archives, and the address of the first one.
     """
-    asked = [
+    exports = [
         api.wait_for_job(api.post(f"/datasets/{dataset}/exports", {"format": form}))
         for form in ("decisions-jsonl", "yolo")
     ]
-    assert [one["state"] for one in asked] == ["done", "done"], asked
-    return [one["sha256"] for one in asked], asked[0]["download"]
+    assert [export["state"] for export in exports] == ["done", "done"], exports
+    return [export["sha256"] for export in exports], exports[0]["download"]
 
 
 def test_cluster_exports_are_byte_identical_to_those_of_a_single_process(
@@ -78,7 +78,7 @@ def test_cluster_exports_are_byte_identical_to_those_of_a_single_process(
         after = alone.json(f"/datasets/{dataset}/stats")
 
     assert by_workers == by_itself
-    assert {one["state"] for one in (run, again, back)} == {"done"}
+    assert {job["state"] for job in (run, again, back)} == {"done"}
     assert (run["done"], back["counts"]) == (25, run["counts"])
     assert after == {**before, "run": back["id"]}
     assert running_cluster.api.http.get(download).status_code == 200
@@ -92,13 +92,16 @@ def test_channel_evaluation_by_workers_equals_the_local_evaluation(running_clust
             api.upload_frame(dataset, f"{number:02}", ANNOTATION, **sensors())
         run = api.wait_for_job(api.post(f"/datasets/{dataset}/evaluations"))
         assert (run["kind"], run["state"], run["done"]) == ("measure", "done", 25), run
-        found = api.json(f"/datasets/{dataset}/evaluations")
+        evaluation = api.json(f"/datasets/{dataset}/evaluations")
         # The worst boxes are named by ids, which differ between the two datasets.
-        return [{**one, "worst": len(one["worst"])} for one in of_channels(found)]
+        return [
+            {**scores, "worst": len(scores["worst"])}
+            for scores in of_channels(evaluation)
+        ]
 
-    def of_channels(found):
-        assert found["not_measured"] == []
-        return found["channels"].values()
+    def of_channels(evaluation):
+        assert evaluation["not_measured"] == []
+        return evaluation["channels"].values()
 
     before = frames_measured_by_the_server(running_cluster.api)
     by_workers = evaluate_channels(running_cluster.api)
@@ -108,7 +111,7 @@ def test_channel_evaluation_by_workers_equals_the_local_evaluation(running_clust
 
     assert by_workers == by_itself
     assert uploaded == 25
-    assert {one["judged"] for one in by_workers} == {0, 50}
+    assert {run["judged"] for run in by_workers} == {0, 50}
 
 
 def test_server_of_a_cluster_does_not_measure_frames_of_a_run(
@@ -125,8 +128,10 @@ def test_server_of_a_cluster_does_not_measure_frames_of_a_run(
 def frames_measured_by_the_server(api):
     """How many frames the server's own process has measured, from its metrics."""
     lines = api.http.get("/metrics").text.splitlines()
-    (found,) = [one for one in lines if one.startswith("unghost_measure_seconds_count")]
-    return float(found.split()[-1])
+    (line,) = [
+        line for line in lines if line.startswith("unghost_measure_seconds_count")
+    ]
+    return float(line.split()[-1])
 
 
 def test_run_completes_after_a_worker_process_is_killed(running_cluster, long_street):
@@ -151,15 +156,15 @@ def test_cancelled_run_stops_measuring_within_a_second(running_cluster, long_str
     for config in OTHER_PIXELS[3:]:
         run_id = start_run(running_cluster.api, long_street, config, activate=False)
         begun = time.monotonic()
-        answer = running_cluster.api.post(f"/runs/{run_id}/cancel")
+        response = running_cluster.api.post(f"/runs/{run_id}/cancel")
         took_s = time.monotonic() - begun
-        if answer.status_code == 202:  # otherwise it was over before
+        if response.status_code == 202:  # otherwise it was over before
             break
     done = get_run(running_cluster.api, run_id)["done"]
     time.sleep(1)
 
-    assert answer.status_code == 202, answer.text
-    assert answer.json()["state"] == "cancelled"
+    assert response.status_code == 202, response.text
+    assert response.json()["state"] == "cancelled"
     assert took_s < AT_ONCE_S
     assert get_run(running_cluster.api, run_id)["done"] == done < FRAMES
     # The next run measures the rest, and all frames are decided.
@@ -241,7 +246,7 @@ def test_every_cluster_port_requires_a_valid_client_certificate(
         port for worker in ports_of_workers(running_cluster) for _, port in worker
     }
 
-    answers = [
+    responses = [
         [
             accepts_client(port, shown)
             for shown in (None, foreign, running_cluster.cluster.certificates)
@@ -249,7 +254,7 @@ def test_every_cluster_port_requires_a_valid_client_certificate(
         for port in sorted(ports)
     ]
 
-    assert answers == [[False, False, True]] * (1 + len(running_cluster.workers))
+    assert responses == [[False, False, True]] * (1 + len(running_cluster.workers))
 
 
 def accepts_client(port, certificates):

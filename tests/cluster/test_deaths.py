@@ -43,7 +43,7 @@ def test_run_waits_for_a_killed_scheduler_and_completes(made):
 
         scheduler.kill()
         until(
-            lambda: all("lost the connection" in one.log_text for one in workers),
+            lambda: all("lost the connection" in worker.log_text for worker in workers),
             "no notice",
         )
         assert get_run(api, run_id)["state"] == "running"
@@ -63,14 +63,14 @@ def test_hanging_scheduler_does_not_block_cancelling_or_stopping(made):
         try:
             # Longer than the service keeps its count of workers before it counts again.
             time.sleep(4)
-            answer = api.post(f"/runs/{run_id}/cancel")
+            response = api.post(f"/runs/{run_id}/cancel")
             begun = time.monotonic()
             stop(server.process)
             took_s = time.monotonic() - begun
         finally:
             scheduler.process.send_signal(signal.SIGCONT)
 
-    assert answer.json()["state"] == "cancelled", answer.text
+    assert response.json()["state"] == "cancelled", response.text
     assert took_s < STOP_WAIT_S
 
 
@@ -147,8 +147,8 @@ def test_export_completes_after_its_worker_or_server_is_killed(made, dies):
         expected = api.wait_for_job(post_export(api, name))
         busy = working_process(worker)
         os.kill(busy, signal.SIGSTOP)
-        answer = post_export(api, name)
-        until(lambda: get_export(api, answer)["state"] == "running", "nobody begins")
+        response = post_export(api, name)
+        until(lambda: get_export(api, response)["state"] == "running", "nobody begins")
         if dies == "server":
             server.process.kill()
             server.process.wait()
@@ -156,11 +156,12 @@ def test_export_completes_after_its_worker_or_server_is_killed(made, dies):
         else:
             os.kill(busy, signal.SIGKILL)
             until(
-                lambda: get_export(api, answer)["state"] == "done", "it is not written"
+                lambda: get_export(api, response)["state"] == "done",
+                "it is not written",
             )
 
     with made.server() as (_, api):
-        done = api.wait_for_job(answer)
+        done = api.wait_for_job(response)
 
     assert (done["state"], done["error"]) == ("done", None)
     assert done["sha256"] == expected["sha256"]
@@ -170,8 +171,8 @@ def post_export(api, name):
     return api.post(f"/datasets/{name}/exports", {"format": "decisions-jsonl"})
 
 
-def get_export(api, answer):
-    return api.json(f"/exports/{answer.json()['id']}")
+def get_export(api, response):
+    return api.json(f"/exports/{response.json()['id']}")
 
 
 def test_worker_that_lost_its_scheduler_exits_with_69_and_a_message(made):

@@ -38,6 +38,6 @@ def test_run_completes_after_the_database_is_killed_and_restarted(tmp_path):
 
 def is_over(api, run_id) -> bool:
     """Whether a run has ended; False while the service answers 503."""
-    answer: httpx.Response = api.get(f"/runs/{run_id}")
-    assert answer.status_code in (200, 503), answer.text
-    return answer.status_code == 200 and answer.json()["state"] in FINISHED
+    response: httpx.Response = api.get(f"/runs/{run_id}")
+    assert response.status_code in (200, 503), response.text
+    return response.status_code == 200 and response.json()["state"] in FINISHED

@@ -39,8 +39,8 @@ def cluster_of_two(tmp_path_factory):
 def words(tmp_path):
     folder = write_recording(tmp_path / "frames")
     arms, seeds = ",".join(ARMS), str(SEEDS)
-    given = ("--arms", arms, "--seeds", seeds, "--trainer", parrot(tmp_path))
-    return ("worth-it", folder, *given)
+    arguments = ("--arms", arms, "--seeds", seeds, "--trainer", parrot(tmp_path))
+    return ("worth-it", folder, *arguments)
 
 
 def on_cluster(made, tmp_path):
@@ -124,8 +124,8 @@ def test_interrupted_command_ends_the_trainers_on_the_workers(
     made, _ = cluster_of_two
     (tmp_path / "hold").touch()
     unghost = on_cluster(made, tmp_path)
-    given = (*words, "-o", tmp_path / "out", "--engine", made.address)
-    with unghost.running(*given) as process:
+    arguments = (*words, "-o", tmp_path / "out", "--engine", made.address)
+    with unghost.running(*arguments) as process:
         until(lambda: len(trainers(tmp_path)) == 2, "not both workers train")
         process.send_signal(signal.SIGINT)
         code = process.wait(30)
@@ -159,23 +159,23 @@ def test_worker_that_does_not_see_the_folder_is_refused_with_the_remedy(
         )
     try:
         Node(blind, log).wait_for_log("joined the scheduler")
-        answer = on_cluster(made, tmp_path)(
+        result = on_cluster(made, tmp_path)(
             *words, "-o", output, "--engine", made.address
         )
     finally:
         stop(blind)
 
-    assert answer.code == REFUSED
-    assert f"does not see {output}: mount the folder there" in answer.err
+    assert result.code == REFUSED
+    assert f"does not see {output}: mount the folder there" in result.err
     until(lambda: not trainers(tmp_path), "trainers go on")
 
 
 def test_scheduler_that_is_away_or_refuses_is_named(bare_unghost, words, tmp_path):
-    given = (*words, "-o", tmp_path / "out", "--engine")
+    arguments = (*words, "-o", tmp_path / "out", "--engine")
 
-    away = bare_unghost(*given, "tcp://127.0.0.1:9")
-    open_to_all = bare_unghost(*given, "tcp://192.0.2.1:8786")
-    without = bare_unghost(*given, "tls://127.0.0.1:9")
+    away = bare_unghost(*arguments, "tcp://127.0.0.1:9")
+    open_to_all = bare_unghost(*arguments, "tcp://192.0.2.1:8786")
+    without = bare_unghost(*arguments, "tls://127.0.0.1:9")
 
     assert (away.code, without.code) == (REFUSED, REFUSED), away.err + without.err
     assert "no scheduler accepts this at tcp://127.0.0.1:9" in away.err

@@ -47,13 +47,13 @@ def files() -> frozenset[str]:
     tops = (
         "app filter_core unghost static migrations tests benchmarks tools deploy docs"
     )
-    found = {
+    paths = {
         path.relative_to(CHECKOUT).as_posix()
         for top in tops.split()
         for path in (CHECKOUT / top).rglob("*")
         if not {"__pycache__", "node_modules"} & {*path.parts}
     }
-    return frozenset(found) | {path.name for path in CHECKOUT.iterdir()}
+    return frozenset(paths) | {path.name for path in CHECKOUT.iterdir()}
 
 
 def matching_files(named: str) -> list[str]:
@@ -61,8 +61,8 @@ def matching_files(named: str) -> list[str]:
 
     The document writes `boxes/reader.py` where `app/boxes/reader.py` is clear.
     """
-    wanted = named.rstrip("/")
-    return [file for file in files() if f"/{file}".endswith(f"/{wanted}")]
+    path = named.rstrip("/")
+    return [file for file in files() if f"/{file}".endswith(f"/{path}")]
 
 
 @cache
@@ -114,13 +114,13 @@ DEFINITIONS = {
 def definitions() -> frozenset[str]:
     """The words of `DEFINITIONS` that the code defines or that name a file."""
     missing = frozenset().union(*DEFINITIONS.values())
-    found = missing & {PurePosixPath(file).stem for file in files()}
+    defined = missing & {PurePosixPath(file).stem for file in files()}
     for source in (*page_sources(), *python_sources()):
-        missing -= found
+        missing -= defined
         # A module without any of the words that are left is not parsed.
         if source.name.endswith((".py", ".js")) and is_any_in(source.text, missing):
-            found |= missing & defined_in(source.name)
-    return found
+            defined |= missing & defined_in(source.name)
+    return defined
 
 
 def is_any_in(text: str, words: frozenset[str]) -> bool:
@@ -147,7 +147,7 @@ PLACED = re.findall(r"`(\w+)` (?:in|of)\s+`([\w./]+\.(?:py|js))`", TEXT) + re.fi
 def test_named_definitions_are_in_the_named_files(one, other):
     name, file = (other, one) if is_path(one) else (one, other)
 
-    assert any(name in defined_in(found) for found in matching_files(file))
+    assert any(name in defined_in(path) for path in matching_files(file))
 
 
 def walks() -> list[tuple[str, str]]:
@@ -167,7 +167,7 @@ def walks() -> list[tuple[str, str]]:
 def named_modules(text: str) -> list[str]:
     """The modules that exist among those that a text names."""
     named = re.findall(r"`([^`\n]+\.(?:py|js))`", text)
-    return [one for one in named if matching_files(one)]
+    return [name for name in named if matching_files(name)]
 
 
 def test_every_step_of_a_walk_names_a_module_that_exists():

@@ -61,10 +61,10 @@ def test_every_command_and_option_has_help(path):
 
 @pytest.mark.parametrize("path", COMMANDS)
 def test_options_show_exactly_the_environment_variables_they_read(path):
-    parameters = [vars(one) for one in COMMANDS[path].params]
+    parameters = [vars(option) for option in COMMANDS[path].params]
 
-    shown = {one["name"] for one in parameters if one["show_envvar"]}
-    assert shown == {one["name"] for one in parameters if one["envvar"]}
+    shown = {option["name"] for option in parameters if option["show_envvar"]}
+    assert shown == {option["name"] for option in parameters if option["envvar"]}
 
 
 @pytest.mark.parametrize(
@@ -73,15 +73,15 @@ def test_options_show_exactly_the_environment_variables_they_read(path):
 def test_every_documented_command_line_can_be_parsed(line):
     words = shlex.split(line, comments=True)
     path = max(
-        (known for known in COMMANDS if f"{' '.join(words)} ".startswith(f"{known} ")),
+        (name for name in COMMANDS if f"{' '.join(words)} ".startswith(f"{name} ")),
         key=len,
     )
     command = COMMANDS[path]
 
-    known = {option for each in command.params for option in each.opts}
-    options = {word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)}
+    options = {option for each in command.params for option in each.opts}
+    written = {word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)}
 
-    assert options - {"--help"} <= known
+    assert written - {"--help"} <= options
 
 
 def test_make_without_a_target_lists_every_target():

@@ -43,7 +43,7 @@ def test_limits_of_batches_in_their_document_are_all_that_refuse_open_batches():
 
 def test_generated_parts_of_the_documents_are_up_to_date():
     for name, (path, lines) in PARTS.items():
-        found = part_pattern(name).search(path.read_text("utf-8"))
+        part = part_pattern(name).search(path.read_text("utf-8"))
 
-        assert found is not None
-        assert found[2].splitlines() == list(lines()), f"{path.name}: run `make docs`"
+        assert part is not None
+        assert part[2].splitlines() == list(lines()), f"{path.name}: run `make docs`"

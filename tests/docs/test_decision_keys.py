@@ -49,8 +49,8 @@ def json_type(kind: object) -> object:
     Models become the types of their keys, and a `Literal` the type of its values.
     """
     if get_origin(kind) is Literal:
-        (one,) = {type(value) for value in get_args(kind)}
-        return one
+        (literal,) = {type(value) for value in get_args(kind)}
+        return literal
     if get_origin(kind) in (Union, types.UnionType):
         return frozenset(json_type(part) for part in get_args(kind))
     if get_origin(kind) in (list, tuple):
@@ -69,8 +69,8 @@ def typed_keys(kind: object) -> dict[str, object]:
 def test_types_of_an_api_decision_match_the_library():
     answered = schema_of(boxes.Decision)
 
-    found = {name: answered.get(name) for name in Decision.__annotations__}
-    assert found == typed_keys(Decision)
+    values = {name: answered.get(name) for name in Decision.__annotations__}
+    assert values == typed_keys(Decision)
 
 
 def test_keys_of_a_stored_decision_match_the_api_model():

@@ -18,12 +18,12 @@ def codes_in(source: ast.AST) -> Iterator[str]:
     """Values of `code` of classes and of calls, and of a `Refusal`."""
     for node in ast.walk(source):
         if isinstance(node, ast.ClassDef):
-            for one in node.body:
-                text = re.fullmatch(r"code\b[^=]* = '(\w+)'", ast.unparse(one))
+            for statement in node.body:
+                text = re.fullmatch(r"code\b[^=]* = '(\w+)'", ast.unparse(statement))
                 yield from text.groups() if text else ()
         elif isinstance(node, ast.Call):
             name = ast.unparse(node.func).rpartition(".")[2]
-            codes = [one.value for one in node.keywords if one.arg == "code"]
+            codes = [word.value for word in node.keywords if word.arg == "code"]
             codes += node.args[1:2] if name == "Refusal" else []
             for code in codes if name not in FAULTS else []:
                 yield from texts(code)
@@ -40,13 +40,13 @@ def sent_codes() -> set[str]:
         for name in ("app", "filter_core")
         for path in (CHECKOUT / name).rglob("*.py")
     ]
-    found = {
+    codes = {
         code for path in files for code in codes_in(ast.parse(path.read_text("utf-8")))
     }
     # Made of the name of a job, and of what is wrong with the boxes.
     composed = {"run_over", "export_over", "wrong_unit", "wrong_corners"}
     return (
-        {one for one in found if one}
+        {code for code in codes if code}
         | composed
         | set(HTTP_CODES.values())
         | {"http_error"}

@@ -36,9 +36,9 @@ def rows_with(column):
 
 
 def test_the_table_has_every_layout():
-    found = rows_with("read, recognised by")
+    layouts = rows_with("read, recognised by")
 
-    assert found == [name for name in LAYOUTS if name != "auto"]
+    assert layouts == [name for name in LAYOUTS if name != "auto"]
 
 
 def test_the_table_has_every_format_that_the_api_exports():
@@ -87,16 +87,16 @@ def rows_of_the_same_format():
 
 def test_the_table_of_what_is_kept_says_which_formats_are_written_as_they_came():
     able = {
-        name: "as it came" if one.box_spans else "no"
-        for name, one in FORMATS.items()
-        if one.read
+        name: "as it came" if form.box_spans else "no"
+        for name, form in FORMATS.items()
+        if form.read
     }
 
     assert {name: row[1] for name, row in rows_of_the_same_format().items()} == able
 
 
 def test_every_format_whose_labels_are_stored_is_one_of_these():
-    written = {name for name, one in FORMATS.items() if one.write and one.box_spans}
+    written = {name for name, form in FORMATS.items() if form.write and form.box_spans}
     assert written - {"manifest"} == STORED
 
 
@@ -136,11 +136,11 @@ def test_the_table_of_what_is_kept_lists_what_has_no_place(name):
 
     manifest = json.loads(export(name, [RICH])["manifest.json"])
 
-    found = manifest.get("without_place", {})
-    if isinstance(found, str):
+    losses = manifest.get("without_place", {})
+    if isinstance(losses, str):
         assert without_place == "all but class and rectangle"
         return
-    keys = [*found.get("boxes", {}), *found.get("frames", {})]
+    keys = [*losses.get("boxes", {}), *losses.get("frames", {})]
     assert set(re.findall("`(.*?)`", without_place)) == set(keys)
     assert keys or without_place == "nothing"
 

@@ -15,7 +15,7 @@ from tests.support.documents import blocks, read
 
 ACTIONS, PRE_COMMIT = map(
     yaml.safe_load,
-    (one for one in blocks(read("docs/commands.md"), "yaml") if "--fail-if" in one),
+    (text for text in blocks(read("docs/commands.md"), "yaml") if "--fail-if" in text),
 )
 
 
@@ -46,7 +46,7 @@ def test_example_for_github_actions_passes_and_writes_a_summary(repository):
 
     done = [run(["sh", "-euc", script], repository) for script in (gate, summary)]
 
-    assert [one.returncode for one in done] == [0, 0], done
+    assert [process.returncode for process in done] == [0, 0], done
     rows = (repository / "summary.md").read_text().splitlines()
     assert "| `rejected > 60%` | 50.00% (2 of 4 boxes) | passed |" in rows
     assert "| `unmapped > 0` | 0 | passed |" in rows

@@ -39,8 +39,8 @@ def test_library_examples_run_in_order_and_print_the_expected_output(capsys):
         exec(compile(example, "library.md", "exec"), namespace)
         printed.append(capsys.readouterr().out.splitlines())
 
-    one, often, folder, config, wrong = printed
-    assert one == ["7 kept 50.0"]
+    single, often, folder, config, wrong = printed
+    assert single == ["7 kept 50.0"]
     assert often == ["10 1 [40.]", "40 1 [10.]", "60 0 [-10.]"]
     assert folder == ["000001 ['visible']"]
     assert config[0].endswith("{'threshold_small_box': 2}")

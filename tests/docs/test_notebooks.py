@@ -39,15 +39,15 @@ def demo(tmp_path_factory):
 
 def run(path: Path, folder: Path, settings: dict[str, str]) -> str:
     """Run a notebook in a folder; give what it prints, and the types of outputs."""
-    answer = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "tests.support.run_notebook", path],
         cwd=folder,
         env=CommandLine(folder, settings).environ | {"PYTHONPATH": str(CHECKOUT)},
         capture_output=True,
         text=True,
     )
-    assert answer.returncode == 0, answer.stderr
-    return "\n".join(printed_outputs(json.loads(answer.stdout)))
+    assert process.returncode == 0, process.stderr
+    return "\n".join(printed_outputs(json.loads(process.stdout)))
 
 
 def printed_outputs(notebook):

@@ -39,11 +39,11 @@ def exposed_metrics(server):
     """
 
     def with_those_of_blobs():
-        answer = plain_http.get(f"{server.url}/metrics", headers=server.headers)
-        found = list(text_string_to_metric_families(answer.text))
+        response = plain_http.get(f"{server.url}/metrics", headers=server.headers)
+        families = list(text_string_to_metric_families(response.text))
         # The parser removes the ending from names of counters.
         ends = {"counter": "_total"}
-        names = {family.name + ends.get(family.type, "") for family in found}
+        names = {family.name + ends.get(family.type, "") for family in families}
         return names if "unghost_blobs" in names else None
 
     return until(with_those_of_blobs, "the files are never counted")
@@ -57,10 +57,10 @@ def test_documented_metrics_equal_the_exposed_metrics(server):
 @pytest.mark.sqlite_files("one metric is of its log")
 def test_alert_rules_use_only_existing_metrics(server):
     (rules,) = (yaml.safe_load(text) for text in blocks(section("Alerts"), "yaml"))
-    asked = [rule["expr"] for group in rules["groups"] for rule in group["rules"]]
+    queries = [rule["expr"] for group in rules["groups"] for rule in group["rules"]]
 
-    names = {BUCKETS.sub("", name) for text in asked for name in METRIC.findall(text)}
-    assert len(asked) >= 5
+    names = {BUCKETS.sub("", name) for text in queries for name in METRIC.findall(text)}
+    assert len(queries) >= 5
     assert names <= exposed_metrics(server)
 
 
@@ -82,9 +82,9 @@ def test_example_log_line_has_the_keys_of_a_real_log_line(caplog):
 
 def test_every_setting_in_the_document_exists():
     of_the_client = {"UNGHOST_TOKEN"}
-    known = {f"UNGHOST_{name.upper()}" for name in Settings.model_fields}
+    variables = {f"UNGHOST_{name.upper()}" for name in Settings.model_fields}
 
-    assert set(SETTING.findall(read("docs/operations.md"))) <= known | of_the_client
+    assert set(SETTING.findall(read("docs/operations.md"))) <= variables | of_the_client
 
 
 def test_cache_memory_bound_is_as_documented():

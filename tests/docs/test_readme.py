@@ -70,7 +70,7 @@ def test_the_curl_example_uploads_a_frame(tmp_path):
     with running_server(tmp_path / "unghost-data") as server:
         script = example.replace("http://127.0.0.1:8000", server.url)
         programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        answers = subprocess.run(
+        process = subprocess.run(
             ["sh", "-euc", script],
             check=True,
             capture_output=True,
@@ -78,7 +78,7 @@ def test_the_curl_example_uploads_a_frame(tmp_path):
             env={**os.environ, "PATH": programs, "UNGHOST_SERVER": server.url},
         )
 
-    dataset, frame = json_documents(answers.stdout)
+    dataset, frame = json_documents(process.stdout)
     assert dataset["name"] == "town11"
     assert [decision["verdict"] for decision in frame["decisions"]] == ["kept"]
 

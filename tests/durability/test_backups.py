@@ -374,10 +374,10 @@ def test_lock_files_of_a_server_do_not_prevent_a_restore(filled, tmp_path):
     check_free(Settings(data=again, port=0))
     locks = {path.name for path in again.iterdir()}
 
-    found = restored(backed_up(filled, tmp_path / "kept"), again)
+    restoration = restored(backed_up(filled, tmp_path / "kept"), again)
 
     assert locks == {".server.lock", ".unghost.db.lock"}
-    assert found.files == 4
+    assert restoration.files == 4
 
 
 def test_interrupted_restore_is_not_served_and_can_be_repeated(

@@ -21,8 +21,8 @@ def damage_first_page(data, name):
     file = data / "unghost.db"
     with closing(sqlite3.connect(file)) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        asked = "SELECT rootpage FROM sqlite_master WHERE name = ?"
-        ((page,),) = database.execute(asked, (name,)).fetchall()
+        query = "SELECT rootpage FROM sqlite_master WHERE name = ?"
+        ((page,),) = database.execute(query, (name,)).fetchall()
     with file.open("r+b") as pages:
         pages.seek((page - 1) * PAGE)
         pages.write(b"\xff" * PAGE)
@@ -38,18 +38,20 @@ def wait_until_intact(server):
 
 
 def doctor(data):
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "unghost.cli", "doctor", "--json", "--data", str(data)],
         check=False,
         capture_output=True,
         text=True,
     )
-    assert found.returncode != 0
-    return found.stdout
+    assert process.returncode != 0
+    return process.stdout
 
 
-def error_details(answer):
-    return {fault["code"]: fault["detail"] for fault in answer.json().get("errors", ())}
+def error_details(response):
+    return {
+        fault["code"]: fault["detail"] for fault in response.json().get("errors", ())
+    }
 
 
 def test_intact_pages_are_reported_by_readyz_and_the_log(filled):
@@ -70,14 +72,16 @@ def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, name):
     with served(filled) as (server, _):
         until(lambda: "the database is damaged: " in server.log.read_text("utf-8"))
         until(lambda: "table decisions" in get_readyz(server).text)
-        answer = get_readyz(server)
+        response = get_readyz(server)
         log = server.log.read_text("utf-8")
 
-    assert answer.json()["code"] == "not_ready"
-    assert "the database is damaged: " in error_details(answer)["pages"]
-    assert "table decisions or an index of it: " in error_details(answer)["pages"]
-    assert "restore the last backup" in error_details(answer)["pages"]
-    assert "`unghost doctor` on the server says more" in error_details(answer)["pages"]
+    assert response.json()["code"] == "not_ready"
+    assert "the database is damaged: " in error_details(response)["pages"]
+    assert "table decisions or an index of it: " in error_details(response)["pages"]
+    assert "restore the last backup" in error_details(response)["pages"]
+    assert (
+        "`unghost doctor` on the server says more" in error_details(response)["pages"]
+    )
     assert "the database is damaged: table decisions or an index of it: " in log
     examined = doctor(filled)
     assert "table decisions or an index of it: " in examined
@@ -91,7 +95,7 @@ def test_damaged_page_read_by_a_request_returns_503_and_is_reported(filled):
         damage_first_page(filled, "ix_decisions_by_crowding")
         met = api.get("/boxes", dataset=dataset["name"], sort="crowding")
         until(lambda: "pages" in error_details(get_readyz(server)))
-        answer = get_readyz(server)
+        response = get_readyz(server)
 
     assert (met.status_code, met.json()["code"]) == (503, "database_damaged")
-    assert "malformed" in error_details(answer)["pages"]
+    assert "malformed" in error_details(response)["pages"]

@@ -102,13 +102,13 @@ def test_below_a_quarter_of_min_free_bytes_answers_on_single_boxes_are_refused(d
         stored = send_once()
         with full_disk(data, MIN_FREE_MIB * MIB // 8):
             before = count(data, "reviews")
-            answer = api.review(second, "reject")
+            response = api.review(second, "reject")
             undo = api.http.post(f"{path}/1/undo")
             repeated = send_once()
             after = count(data, "reviews")
         again = api.review(second, "reject")
 
-    for refused in (answer, undo):
+    for refused in (response, undo):
         assert (refused.status_code, refused.json()["code"]) == (503, "storage_full")
         least = MIN_FREE_MIB * MIB // 4
         assert f"{least} have to stay free" in refused.json()["detail"]
@@ -124,14 +124,14 @@ def test_below_min_free_bytes_no_dataset_mask_or_config_is_stored(data):
         path = f"/datasets/{beside}"
         config = api.json(f"{path}/config")["config"]
         with full_disk(data, MIN_FREE_MIB * MIB // 2):
-            answers = [
+            responses = [
                 api.post("/datasets", {"name": "another"}),
                 api.http.patch(f"/api/v1{path}", json={"ignore_mask": corner}),
                 api.post(f"{path}/configs", {**config, "threshold_small_box": 31}),
             ]
             described = api.http.patch(f"/api/v1{path}", json={"description": "small"})
 
-    for refused in answers:
+    for refused in responses:
         assert (refused.status_code, refused.json()["code"]) == (503, "storage_full")
     assert described.status_code == 200
 
@@ -141,9 +141,9 @@ def test_bulk_answers_and_their_undo_need_room_for_all_their_comments(data):
     comment = "x" * 2000
     with served(data, **SETTINGS) as (_, api):
         boxes = api.box_ids(NAME, limit=1000)
-        given = {"dataset": NAME, "box_ids": boxes, "verdict": "reject"}
-        stored = api.post("/reviews/bulk", given)
-        seen = {**given, "seen_revisions": [1] * len(boxes), "comment": comment}
+        body = {"dataset": NAME, "box_ids": boxes, "verdict": "reject"}
+        stored = api.post("/reviews/bulk", body)
+        seen = {**body, "seen_revisions": [1] * len(boxes), "comment": comment}
         with full_disk(data, (MIN_FREE_MIB + 3) * MIB):
             before = count(data, "reviews")
             large = api.post("/reviews/bulk", seen)
@@ -199,8 +199,8 @@ def test_deletion_on_a_full_disk_resumes_when_no_reader_holds_the_log(data):
 def grow_log(api):
     """Write pages to the database's log that its file has no place for yet."""
     boxes = api.box_ids(NAME, limit=1000)
-    asked = {"dataset": NAME, "box_ids": boxes, "verdict": "keep"}
-    answered = api.post("/reviews/bulk", {**asked, "comment": "x" * 2000})
+    body = {"dataset": NAME, "box_ids": boxes, "verdict": "keep"}
+    answered = api.post("/reviews/bulk", {**body, "comment": "x" * 2000})
     assert answered.status_code == 201, answered.text
 
 

@@ -34,8 +34,8 @@ def test_doctor_reports_ok_and_changes_nothing_in_an_intact_folder(filled, ungho
     healthy = unghost("doctor", "--verify", "--json")
 
     assert healthy.code == 0, healthy.out
-    assert {found["severity"] for found in healthy.records} == {"ok"}
-    assert [found["check"] for found in healthy.records] == [
+    assert {finding["severity"] for finding in healthy.records} == {"ok"}
+    assert [finding["check"] for finding in healthy.records] == [
         "token",
         "disk",
         "database",
@@ -70,11 +70,11 @@ def test_damaged_or_missing_file_is_reported_by_name(filled, spoil):
     name = blobs(filled)[0].name
     spoil(filled)
 
-    found = doctor_findings(filled)
+    findings = doctor_findings(filled)
 
-    assert found["files"].severity is Severity.ERROR
-    assert (found["files"].count, found["files"].examples) == (1, (name,))
-    assert "backup" in found["files"].todo
+    assert findings["files"].severity is Severity.ERROR
+    assert (findings["files"].count, findings["files"].examples) == (1, (name,))
+    assert "backup" in findings["files"].todo
 
 
 def test_doctor_reports_faults_with_exit_code_and_messages(filled, unghost):
@@ -112,19 +112,19 @@ def test_damaged_database_is_reported(filled):
         file.seek(4096 * 3)
         file.write(b"\xff" * 4096)
 
-    found = doctor_findings(filled)["database"]
+    fault = doctor_findings(filled)["database"]
 
-    assert found.severity is Severity.ERROR
-    assert "restore the last backup" in found.todo
+    assert fault.severity is Severity.ERROR
+    assert "restore the last backup" in fault.todo
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or compared")
 def test_missing_database_is_reported_and_not_created(filled):
     (filled / "unghost.db").unlink()
 
-    found = doctor_findings(filled)["database"]
+    fault = doctor_findings(filled)["database"]
 
-    assert (found.severity, found.found) == (Severity.ERROR, "the database is missing")
+    assert (fault.severity, fault.found) == (Severity.ERROR, "the database is missing")
     assert not (filled / "unghost.db").exists()
 
 
@@ -173,12 +173,12 @@ def answered(filled):
 def test_removed_answers_and_altered_counts_are_reported(answered, statement, check):
     change(answered, statement)
 
-    found = doctor_findings(answered)
+    findings = doctor_findings(answered)
 
-    assert {name for name in found if name != "token"} == {check}
-    assert found[check].count > 0
-    assert found[check].examples
-    assert found[check].todo
+    assert {name for name in findings if name != "token"} == {check}
+    assert findings[check].count > 0
+    assert findings[check].examples
+    assert findings[check].todo
 
 
 def test_run_that_activates_counts_altered_tallies_again(tmp_path, unghost):
@@ -187,12 +187,12 @@ def test_run_that_activates_counts_altered_tallies_again(tmp_path, unghost):
         name = api.dataset()
         api.upload_frame(name, "f/0")
         change(data, "UPDATE tallies SET boxes = boxes + 1")
-        found = doctor_findings(data)["counts"]
+        fault = doctor_findings(data)["counts"]
         api.run(name, {})
 
-        assert found.severity is Severity.WARNING
-        assert name in found.examples[0]
-        assert "--activate" in found.todo
+        assert fault.severity is Severity.WARNING
+        assert name in fault.examples[0]
+        assert "--activate" in fault.todo
         assert doctor_findings(data) == {}
 
 
@@ -210,10 +210,10 @@ def test_dropped_audit_triggers_are_reported_with_statements_that_restore_them(
 ):
     dropped = drop_audit_triggers(answered)
 
-    found = doctor_findings(answered)["audit"]
+    fault = doctor_findings(answered)["audit"]
 
-    assert (found.severity, found.count) == (Severity.ERROR, dropped)
-    for statements in found.examples:
+    assert (fault.severity, fault.count) == (Severity.ERROR, dropped)
+    for statements in fault.examples:
         change(answered, *statements.split("; ", 1))
     assert "audit" not in doctor_findings(answered)
     with pytest.raises(Exception, match="the audit log is only added to"):
@@ -243,7 +243,7 @@ def test_audit_log_is_compared_with_what_a_backup_has_printed(answered, unghost)
     assert longer.code == 0, longer.out
     assert unseen.code == 0, unseen.out
     assert (compared.code, shorter.code, wrong.code) == (1, 1, 2)
-    (audit,) = (one for one in compared.records if one["check"] == "audit")
+    (audit,) = (finding for finding in compared.records if finding["check"] == "audit")
     assert (audit["severity"], audit["count"]) == ("error", 1)
     assert "are not those" in audit["found"]
     assert "of 999" in shorter.out

@@ -95,10 +95,12 @@ def image_and_segmentation(number):
 def upload(dataset, number):
     def send(api):
         try:
-            answer = api.put(dataset, f"put/{number}", **image_and_segmentation(number))
+            response = api.put(
+                dataset, f"put/{number}", **image_and_segmentation(number)
+            )
         except httpx.TransportError:
             return []
-        return [f"put/{number}"] if answer.status_code == 201 else []
+        return [f"put/{number}"] if response.status_code == 201 else []
 
     return lambda api: lambda: send(api)
 
@@ -117,8 +119,8 @@ def batch(dataset, number):
                 f"{BASE}/datasets/{dataset}/batches",
                 content=content,
                 headers=TAR,
-            ) as answer:
-                lines += answer.iter_lines()
+            ) as response:
+                lines += response.iter_lines()
         except httpx.TransportError:
             pass
         told = [json.loads(line) for line in lines if line.endswith("}")]
@@ -137,18 +139,18 @@ def check_frame_is_complete(api, frame_id):
     described = api.json(f"/frames/{frame_id}")
     assert [box["verdict"] for box in described["boxes"]] == ["kept", "rejected"]
     for kind in ("image", "segmentation"):
-        answer = api.get(f"/frames/{frame_id}/{kind}")
-        assert answer.status_code == 200
-        assert answer.headers["etag"] == f'"{sha256_of(answer.content)}"'
+        response = api.get(f"/frames/{frame_id}/{kind}")
+        assert response.status_code == 200
+        assert response.headers["etag"] == f'"{sha256_of(response.content)}"'
 
 
 def check_doctor_finds_nothing(data):
-    found = [
+    findings = [
         finding
         for finding in examine(Settings(data=data), verify=True, steps=silently)
         if finding.severity in (Severity.WARNING, Severity.ERROR)
     ]
-    assert found == []
+    assert findings == []
 
 
 @pytest.mark.parametrize(
@@ -162,7 +164,7 @@ def check_doctor_finds_nothing(data):
 )
 def test_frames_are_complete_or_absent_after_a_kill(servers, dataset, act, point):
     number = 10 + 2 * ALL_POINTS.index(point) + (act is batch)
-    wanted = (
+    keys = (
         {f"put/{number}"} if act is upload else {f"run/{number}-a", f"run/{number}-b"}
     )
 
@@ -170,16 +172,16 @@ def test_frames_are_complete_or_absent_after_a_kill(servers, dataset, act, point
 
     with running_client(servers) as api:
         frames = stored(api, dataset)
-        assert {*acknowledged} <= wanted & frames.keys()
-        assert wanted & frames.keys() == (
-            wanted if point in POINTS_AFTER_STORING else set()
+        assert {*acknowledged} <= keys & frames.keys()
+        assert keys & frames.keys() == (
+            keys if point in POINTS_AFTER_STORING else set()
         )
-        for key in wanted & frames.keys():
+        for key in keys & frames.keys():
             check_frame_is_complete(api, frames[key])
         check_doctor_finds_nothing(servers.data)
         act(dataset, number)(api)()
         frames = stored(api, dataset)
-        for key in wanted:
+        for key in keys:
             check_frame_is_complete(api, frames[key])
 
 

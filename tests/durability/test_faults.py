@@ -58,9 +58,9 @@ def upload_until_disk_is_full(api, dataset, disk):
             except OSError:
                 pass
             key = f"f/{number}"
-            answer = api.put(dataset, key, image=scene.image(number))
-            if answer.status_code != 201:
-                return stored, answer
+            response = api.put(dataset, key, image=scene.image(number))
+            if response.status_code != 201:
+                return stored, response
             stored.append(key)
     raise AssertionError("the disk was never full")
 
@@ -102,10 +102,10 @@ def test_damaged_files_return_500_with_their_name_and_reupload_repairs_them(tmp_
         api.upload_frame(dataset, "f", **files)
         mended = api.get(f"/frames/{frame}/image")
 
-    for answer, file in ((picture, cut), (overlay, flipped), (original, flipped)):
-        assert (answer.status_code, answer.json()["code"]) == (500, "damaged_file")
-        assert file.name in answer.json()["detail"]
-        assert str(data) not in answer.text
+    for response, file in ((picture, cut), (overlay, flipped), (original, flipped)):
+        assert (response.status_code, response.json()["code"]) == (500, "damaged_file")
+        assert file.name in response.json()["detail"]
+        assert str(data) not in response.text
     assert (run["state"], run["error"]["code"]) == ("failed", "damaged_file")
     assert mended.content == image
     assert doctor_findings(data) == {}

@@ -51,11 +51,11 @@ def test_files_of_a_deleted_frame_are_removed_and_others_kept(filled):
 
     only_looked = collected(filled, dry_run=True)
     looked = {path.name for path in blobs(filled)}
-    found = collected(filled)
+    garbage = collected(filled)
 
     assert looked == before
-    assert (only_looked.files, found.files, found.rows) == (2, 2, 2)
-    assert only_looked.size_bytes == found.size_bytes
+    assert (only_looked.files, garbage.files, garbage.rows) == (2, 2, 2)
+    assert only_looked.size_bytes == garbage.size_bytes
     assert len(blobs(filled)) == 2
     assert doctor_findings(filled) == {}
     assert collected(filled).files == 0
@@ -66,10 +66,10 @@ def test_files_younger_than_the_grace_period_are_kept(filled):
 
     kept = collected(filled, grace_hours=1)
     set_old_mtime(*blobs(filled))
-    found = collected(filled, grace_hours=1)
+    garbage = collected(filled, grace_hours=1)
 
     assert (kept.files, kept.too_young, kept.rows) == (0, 2, 0)
-    assert (found.files, found.too_young) == (2, 0)
+    assert (garbage.files, garbage.too_young) == (2, 0)
 
 
 def test_old_leftovers_are_removed_and_young_ones_kept(filled):
@@ -99,9 +99,9 @@ def test_unused_file_that_is_uploaded_again_is_not_removed(filled):
             image=scene.image(0),
             segmentation=scene.segmentation(0),
         )
-        found = collected(filled)
+        garbage = collected(filled)
 
-    assert found.files == 0
+    assert garbage.files == 0
     assert doctor_findings(filled) == {}
 
 
@@ -137,9 +137,9 @@ def test_unused_files_and_rows_are_removed_with_postgres(tmp_path):
                 street.put(key, scene.annotation(), image=scene.image(ord(key)))
             street.delete("a")
 
-        found = collected(tmp_path / "data", **chosen)
+        garbage = collected(tmp_path / "data", **chosen)
 
-        assert (found.files, found.rows, len(blobs(tmp_path / "data"))) == (1, 1, 1)
+        assert (garbage.files, garbage.rows, len(blobs(tmp_path / "data"))) == (1, 1, 1)
         assert doctor_findings(tmp_path / "data", **chosen) == {}
 
 
@@ -196,6 +196,6 @@ def sent_until_stored(send):
 
 
 def batch(api, dataset):
-    answer = send(api, dataset, tar_archive(frame("many")))
-    assert answer.status_code == 200, answer.text
-    return lines_of(answer.text)[0]["status"]
+    response = send(api, dataset, tar_archive(frame("many")))
+    assert response.status_code == 200, response.text
+    return lines_of(response.text)[0]["status"]

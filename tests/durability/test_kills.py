@@ -50,10 +50,10 @@ def test_run_of_a_killed_server_is_finished_once_by_the_next(folder):
     dice = random.Random(SEED)
     with served(folder, UNGHOST_WORKERS="1") as (_, api):
         dataset = create_slow_dataset(api, FRAMES)
-    wanted = configs()
+    next_configs = configs()
 
     for _ in range(ROUNDS):
-        run_id, before = killed(folder, dataset, next(wanted), dice)
+        run_id, before = killed(folder, dataset, next(next_configs), dice)
         with served(folder, UNGHOST_WORKERS="1") as (_, api):
             run = wait_for_run_end(api, run_id)
             shown = api.boxes(dataset, limit=1000)
@@ -70,12 +70,12 @@ def killed(folder, dataset, config, dice):
     """
     with served(folder, UNGHOST_WORKERS="1") as (server, api):
         body = {"config": config, "activate": True}
-        answer = api.post(f"/datasets/{dataset}/runs", body)
-        assert answer.status_code == 202, answer.text
+        response = api.post(f"/datasets/{dataset}/runs", body)
+        assert response.status_code == 202, response.text
         time.sleep(dice.uniform(0, dice.choice([0.05, 1.5])))
         server.process.kill()
         server.process.wait()
-    return answer.json()["id"], measured(folder)
+    return response.json()["id"], measured(folder)
 
 
 def check_no_rows_are_lost_or_duplicated(folder, run, before):

@@ -45,9 +45,9 @@ def answers(calls, text):
     ]
 
 
-def last(calls, end, wanted):
+def last(calls, end, is_meant):
     """The last position before `end` where `wanted(call)` is true; -1: none."""
-    places = [place for place in range(end) if wanted(calls[place])]
+    places = [place for place in range(end) if is_meant(calls[place])]
     return places[-1] if places else -1
 
 
@@ -58,7 +58,7 @@ def flushed(path):
 def drafts_between(calls, begin, end):
     """Folder and temporary name of each blob that is written between two positions."""
     opened = [call for call in calls[begin:end] if call.name == "openat"]
-    return [found.groups() for call in opened if (found := DRAFT.search(call.words))]
+    return [match.groups() for call in opened if (match := DRAFT.search(call.words))]
 
 
 def check_files_are_flushed_before_rows(calls, begin, end, log):

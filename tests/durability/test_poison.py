@@ -56,10 +56,10 @@ def put_poison(api, name, key):
 def request_job(api, url, body):
     """Request a job; it may kill the server before the request is answered."""
     try:
-        answer = api.post(url, body)
+        response = api.post(url, body)
     except httpx.TransportError:
         return
-    assert answer.status_code == 202, answer.text
+    assert response.status_code == 202, response.text
 
 
 def request_run(api, name, config=FROM_PIXELS):

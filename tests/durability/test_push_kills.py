@@ -56,7 +56,7 @@ def test_acknowledged_frames_survive_a_kill_of_client_or_server_during_push(
 ):
     print(f"KILL_SEED={SEED}")
     dice = random.Random(SEED)
-    wanted = digests(push_folder)
+    expected = digests(push_folder)
 
     for number in range(ROUNDS):
         dataset = f"round-{number}"
@@ -64,12 +64,12 @@ def test_acknowledged_frames_survive_a_kill_of_client_or_server_during_push(
         victim = VICTIMS[(SEED + number) % len(VICTIMS)]
         acknowledged = push_and_kill(push_folder, dataset, victim, dice)
         with served(push_folder) as server, Client(server.url, server.token) as client:
-            stored = check_stored_frames(push_folder, client, dataset, wanted)
+            stored = check_stored_frames(push_folder, client, dataset, expected)
             assert set(acknowledged) <= set(stored), (number, victim)
             again = command_line(push_folder, server)(
                 "push", "frames", "--dataset", dataset, "--json"
             )
-            check_complete(client, dataset, again, (wanted, stored))
+            check_complete(client, dataset, again, (expected, stored))
         check_database(push_folder)
 
 
@@ -111,7 +111,7 @@ def reported_keys(lines: list[str]) -> Iterator[str]:
 
 def digests(push_folder: Path) -> dict[str, str]:
     """The digest of each frame, as documented, by its key."""
-    found = {}
+    digests_by_key = {}
     for line in (push_folder / "frames" / "manifest.jsonl").read_text().splitlines():
         frame = json.loads(line)
         files = {
@@ -119,11 +119,11 @@ def digests(push_folder: Path) -> dict[str, str]:
             for name in ("image", "segmentation")
         }
         key = frame.pop("key")
-        found[key] = OutgoingFrame(key, frame, files).digest()
-    return found
+        digests_by_key[key] = OutgoingFrame(key, frame, files).digest()
+    return digests_by_key
 
 
-def check_stored_frames(push_folder, client, dataset, wanted) -> list[str]:
+def check_stored_frames(push_folder, client, dataset, expected) -> list[str]:
     """Check that stored frames have all bytes and decisions; returns their keys."""
     if dataset not in [each.name for each in client.datasets()]:
         return []
@@ -138,30 +138,30 @@ def check_stored_frames(push_folder, client, dataset, wanted) -> list[str]:
             assert frame.files[name].sha256 == lines[-1].partition(" ")[2]
         assert sorted(frame.files) == ["image", "segmentation"]
         stored.append(frame.key)
-    assert known(client, dataset, stored) == {key: wanted[key] for key in stored}
+    assert known(client, dataset, stored) == {key: expected[key] for key in stored}
     return stored
 
 
 def known(client: Client, dataset: str, keys: list[str]) -> dict[str, str]:
     """The digests that the server returns for these frames, by key."""
-    answer = plain_http.post(
+    response = plain_http.post(
         f"{client.url}/api/v1/datasets/{dataset}/known-frames",
         json={"keys": keys},
         headers={"Authorization": f"Bearer {client.token}"},
     )
-    return {item["key"]: item["digest"] for item in answer.json()["items"]}
+    return {item["key"]: item["digest"] for item in response.json()["items"]}
 
 
 def check_complete(client, dataset, again, before) -> None:
     """Check that the second push sent only what was missing, and that all is stored."""
-    wanted, stored = before
+    expected, stored = before
     assert again.code == DONE, again.err
     summary = again.records[-1]
     assert summary["already_there"] == len(stored)
     assert summary["stored"] == FRAMES - len(stored)
     stats = client.stats(dataset)
     assert (stats.frames, stats.kept, stats.rejected) == (FRAMES, FRAMES, FRAMES)
-    assert known(client, dataset, list(wanted)) == wanted
+    assert known(client, dataset, list(expected)) == expected
     assert list(client.problems(dataset)) == []
 
 

@@ -101,8 +101,8 @@ def test_deleted_dataset_returns_404_before_its_rows_are_removed(data, held):
     stored = count(data)
 
     api.remove(NAME)
-    found = {path: api.get(path).status_code for path in ids.paths()}
-    answer = api.review(ids.box, "reject", 1).status_code
+    statuses = {path: api.get(path).status_code for path in ids.paths()}
+    status = api.review(ids.box, "reject", 1).status_code
     undone = api.post(f"/review-batches/{ids.batch}/undo").status_code
     again = api.post("/datasets", {"name": NAME}).status_code
     metrics = api.http.get("/metrics").text
@@ -112,8 +112,8 @@ def test_deleted_dataset_returns_404_before_its_rows_are_removed(data, held):
     until(lambda: count(data) == 0)
     assert api.json(f"/datasets/{NAME}")["counts"]["frames"] == 0
     assert left == stored
-    assert found == dict.fromkeys(ids.paths(), 404)
-    assert (answer, undone, again) == (404, 404, 201)
+    assert statuses == dict.fromkeys(ids.paths(), 404)
+    assert (status, undone, again) == (404, 404, 201)
     assert "unghost_datasets 1.0\n" in metrics
     assert 'unghost_jobs{kind="export",state="done"} 0' in metrics
 
@@ -156,12 +156,12 @@ def test_reviews_are_stored_between_two_portions_of_a_removal(data, held):
     api.remove(NAME)
     permits.release()
     until(lambda: count(data) < stored)
-    answers = [
+    responses = [
         api.review(box["box_id"], "keep", seen, comment=str(seen)) for seen in range(3)
     ]
     left = count(data)
     permits.release(PORTIONS)
 
     until(lambda: count(data) == 1 + len(others))
-    assert [answer.status_code for answer in answers] == [201] * 3
+    assert [response.status_code for response in responses] == [201] * 3
     assert left > 1 + len(others)

@@ -160,12 +160,12 @@ def test_run_resumes_after_shutdown_without_measuring_a_frame_twice(start_api):
 def measured_frames(api):
     """The number of frames that the server has measured, from its metrics."""
     text = api.http.get("/metrics").text
-    found = {
+    metrics = {
         sample.name: sample.value
         for family in text_string_to_metric_families(text)
         for sample in family.samples
     }
-    return found["unghost_measure_seconds_count"]
+    return metrics["unghost_measure_seconds_count"]
 
 
 @pytest.mark.long
@@ -237,13 +237,13 @@ def test_shutdown_finishes_the_download_of_a_slow_client(start_api):
     stored = api.upload_frame(api.dataset(), "a", {"boxes": []}, image=image)
     url = stored["frame"]["files"]["image"]["url"]
 
-    with slow_reading_client(server) as client, client.stream("GET", url) as answer:
-        pieces = answer.iter_bytes(1000)
-        got = [next(pieces)]
+    with slow_reading_client(server) as client, client.stream("GET", url) as response:
+        pieces = response.iter_bytes(1000)
+        content = [next(pieces)]
         terminate_and_wait_for_shutdown(server)
-        got += pieces
+        content += pieces
 
-    assert b"".join(got) == image
+    assert b"".join(content) == image
     assert ended(server) == 0
 
 

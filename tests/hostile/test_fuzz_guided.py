@@ -73,8 +73,8 @@ def read_form(content: bytes) -> None:
 def read_image(content: bytes) -> None:
     header = read_image_header(content, max_side=256)
     assert max(header.wh) <= 256
-    found = decode_image(content, header, cv2.IMREAD_UNCHANGED)
-    assert found is None or found.shape[1::-1] == header.wh
+    pixels_decoded = decode_image(content, header, cv2.IMREAD_UNCHANGED)
+    assert pixels_decoded is None or pixels_decoded.shape[1::-1] == header.wh
 
 
 def read_cloud(content: bytes) -> None:
@@ -134,10 +134,10 @@ class FuzzTarget:
     """Which share of the tries this parser gets: some are slow."""
 
 
-PNGS = [one for one in pixels.IMAGES if one.startswith(b"\x89PNG")]
-JPEGS = [one for one in pixels.IMAGES if one.startswith(b"\xff\xd8")]
-NPYS = [one for one in pixels.CLOUDS if one.startswith(b"\x93")]
-PLYS = [one for one in pixels.CLOUDS if one.startswith(b"ply")]
+PNGS = [content for content in pixels.IMAGES if content.startswith(b"\x89PNG")]
+JPEGS = [content for content in pixels.IMAGES if content.startswith(b"\xff\xd8")]
+NPYS = [content for content in pixels.CLOUDS if content.startswith(b"\x93")]
+PLYS = [content for content in pixels.CLOUDS if content.startswith(b"ply")]
 TARGETS = {
     "tar": FuzzTarget(read_archive, wire.ARCHIVES, repair=repair_tar_checksums),
     "multipart": FuzzTarget(

@@ -66,14 +66,14 @@ def test_any_multipart_form_is_read_or_refused(content, media_type):
         in_thread(asyncio.run, read_parts(media_type, stream(), limits))
 
 
-def check_no_server_error(answer):
+def check_no_server_error(response):
     """Check that the answer is not a 5xx, and that an error is a problem document."""
-    assert answer.status_code < 500, answer.text
-    if answer.status_code >= 400:
-        problem = answer.json()
-        assert problem["status"] == answer.status_code
+    assert response.status_code < 500, response.text
+    if response.status_code >= 400:
+        problem = response.json()
+        assert problem["status"] == response.status_code
         assert problem["code"] != "internal"
-    return answer
+    return response
 
 
 CURSORS = [
@@ -137,28 +137,35 @@ TAGS = st.one_of(visible, st.sampled_from(["*", "W/*", '"', '"a", W/"b"', ",,,"]
 
 
 @on_a_server
-@given(wanted=ranges, known=st.one_of(st.none(), TAGS), of=st.one_of(st.none(), TAGS))
-def test_any_range_and_etag_return_file_bytes_or_are_refused(api, wanted, known, of):
-    chosen = {"Range": wanted, "If-None-Match": known, "If-Range": of}
+@given(
+    byte_range=ranges,
+    etag=st.one_of(st.none(), TAGS),
+    if_range=st.one_of(st.none(), TAGS),
+)
+def test_any_range_and_etag_return_file_bytes_or_are_refused(
+    api, byte_range, etag, if_range
+):
+    chosen = {"Range": byte_range, "If-None-Match": etag, "If-Range": if_range}
     headers = {name: text.strip() for name, text in chosen.items() if text is not None}
     frame = api.json(f"/datasets/{DATASET}/frames", limit=1)["items"][0]["id"]
-    answer = check_no_server_error(
+    response = check_no_server_error(
         api.http.get(f"/api/v1/frames/{frame}/image", headers=headers)
     )
     whole = scene.image()
-    if answer.status_code == 200:
-        assert answer.content == whole
-    if answer.status_code == 206:
-        assert answer.content in whole
+    if response.status_code == 200:
+        assert response.content == whole
+    if response.status_code == 206:
+        assert response.content in whole
 
 
 @on_a_server
 @given(content=damaged(ARCHIVES))
 def test_any_archive_is_answered_without_a_server_error(api, content):
-    response = archives.send(api, DATASET, content, replace="true")
-    answer = check_no_server_error(response)
-    if answer.status_code == 200:
-        *lines, end = archives.lines_of(answer.text)
+    response = check_no_server_error(
+        archives.send(api, DATASET, content, replace="true")
+    )
+    if response.status_code == 200:
+        *lines, end = archives.lines_of(response.text)
         assert end["end"]
         assert end["frames"] == len(lines)
         assert {line["status"] for line in lines} <= {200, 201, 409, 413, 422}

@@ -71,9 +71,9 @@ def begin_round(api, number):
     write_record = WriteRecord(f"round-{number}")
     assert api.post("/datasets", {"name": write_record.dataset}).status_code == 201
     for place in range(FRAMES):
-        answer = api.put(write_record.dataset, f"first/{place}", **files(place))
-        assert answer.status_code == 201
-        for decision in answer.json()["decisions"]:
+        response = api.put(write_record.dataset, f"first/{place}", **files(place))
+        assert response.status_code == 201
+        for decision in response.json()["decisions"]:
             write_record.answers[decision["box_id"]] = []
     return write_record
 
@@ -101,8 +101,8 @@ def write_until_killed(server, write_record, dice):
         for thread in threads:
             thread.start()
         # Count acknowledged writes, not seconds: a busy machine acknowledges slowly.
-        wanted = dice.randrange(20, 100)
-        until(lambda: write_record.count_confirmed() >= wanted or faults, every_s=0.001)
+        enough = dice.randrange(20, 100)
+        until(lambda: write_record.count_confirmed() >= enough or faults, every_s=0.001)
         time.sleep(dice.uniform(0, 0.03))
         server.process.kill()
         server.process.wait()
@@ -127,7 +127,7 @@ def check_acknowledged_writes(api, write_record):
 
 def check_frames(api, write_record):
     listed = list_all_pages(api, f"/datasets/{write_record.dataset}/frames")
-    keys = [one["key"] for one in listed]
+    keys = [frame["key"] for frame in listed]
     ours = [key for key in keys if not key.startswith("first/")]
     assert len(set(keys)) == len(keys)
     assert len(keys) - len(ours) == FRAMES
@@ -136,15 +136,15 @@ def check_frames(api, write_record):
         <= set(ours)
         <= write_record.stored.keys() | write_record.sending.keys()
     )
-    known: dict[str, str] = {}
+    digests: dict[str, str] = {}
     for start in range(0, len(ours), 1000):
         body = {"keys": ours[start : start + 1000]}
-        answer = api.post(f"/datasets/{write_record.dataset}/known-frames", body)
-        known |= {item["key"]: item["digest"] for item in answer.json()["items"]}
+        response = api.post(f"/datasets/{write_record.dataset}/known-frames", body)
+        digests |= {item["key"]: item["digest"] for item in response.json()["items"]}
     for key in ours:
         possible = {write_record.stored[key]} if key in write_record.stored else set()
         possible |= write_record.sending.get(key, set())
-        assert known[key] in {digest(number) for number in possible}, key
+        assert digests[key] in {digest(number) for number in possible}, key
     for frame in listed[-5:]:
         check_frame_is_complete(api, frame["id"])
     stats = api.json(f"/datasets/{write_record.dataset}/stats")
@@ -168,9 +168,9 @@ def check_answers(api, write_record):
     for box_id, said in write_record.answers.items():
         items = list_all_pages(api, f"/boxes/{box_id}/history")
         reviews = sorted(
-            (one["revision"], one["verdict"])
-            for one in items
-            if one["kind"] == "review"
+            (entry["revision"], entry["verdict"])
+            for entry in items
+            if entry["kind"] == "review"
         )
         assert [revision for revision, _ in reviews] == list(range(1, len(reviews) + 1))
         verdicts = [verdict for _, verdict in reviews]
@@ -183,18 +183,18 @@ def check_answers(api, write_record):
     for boxes in in_flight:
         assert boxes <= more.keys() or not boxes & more.keys()
     for boxes, verdict in write_record.maybe_answers:
-        assert {more[one] for one in boxes if one in more} <= {verdict}
+        assert {more[box_id] for box_id in boxes if box_id in more} <= {verdict}
     assert more.keys() <= set().union(*in_flight)
 
 
 def check_jobs(api, write_record):
     """Check that acknowledged configurations and runs are there once, and runs end."""
     path = f"/datasets/{write_record.dataset}"
-    digests = [one["digest"] for one in list_all_pages(api, f"{path}/configs")]
+    digests = [config["digest"] for config in list_all_pages(api, f"{path}/configs")]
     assert len(set(digests)) == len(digests)
     assert write_record.digests <= set(digests)
     assert len(digests) <= 1 + len(write_record.digests) + write_record.maybe_configs
-    runs = [one["id"] for one in list_all_pages(api, f"{path}/runs")]
+    runs = [run["id"] for run in list_all_pages(api, f"{path}/runs")]
     assert len(set(runs)) == len(runs)
     assert write_record.runs <= set(runs)
     assert len(runs) <= 1 + len(write_record.runs) + write_record.maybe_runs

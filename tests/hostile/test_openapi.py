@@ -30,10 +30,10 @@ def test_every_response_to_an_admin_matches_the_openapi_document(case, api):
 
 @SCHEMA.parametrize()
 def test_requests_without_a_token_are_unauthorised_and_documented(case, api):
-    answer = without_own_tokens(case).call(str(api.http.base_url))
+    response = without_own_tokens(case).call(str(api.http.base_url))
 
-    case.validate_response(answer, additional_checks=[check_is_not_malformed])
+    case.validate_response(response, additional_checks=[check_is_not_malformed])
     if case.method.upper() != case.operation.method.upper():
-        assert answer.status_code in (401, 405), answer.text  # TRACE and the like
+        assert response.status_code in (401, 405), response.text  # TRACE and the like
     elif "security" in case.operation.definition.raw:
-        assert answer.status_code in (400, 401, 429), answer.text
+        assert response.status_code in (400, 401, 429), response.text

@@ -30,10 +30,10 @@ def path_values(api):
     }
 
 
-def check_response_is_documented(answer, method, path):
+def check_response_is_documented(response, method, path):
     """Check that the document has the answer's status, type and form; return it."""
-    SCHEMA[BASE + path][method].validate_response(answer)
-    return answer
+    SCHEMA[BASE + path][method].validate_response(response)
+    return response
 
 
 @pytest.mark.parametrize(
@@ -55,9 +55,9 @@ def check_response_is_documented(answer, method, path):
 def test_file_and_range_responses_match_the_openapi_document(
     api, path_values, path, headers, status
 ):
-    answer = api.http.get(BASE + path.format(**path_values), headers=headers)
+    response = api.http.get(BASE + path.format(**path_values), headers=headers)
 
-    assert check_response_is_documented(answer, "GET", path).status_code == status
+    assert check_response_is_documented(response, "GET", path).status_code == status
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,16 @@ def test_file_and_range_responses_match_the_openapi_document(
     ],
 )
 def test_event_stream_matches_the_openapi_document(api, path_values, path, name, model):
-    answer = check_response_is_documented(
+    response = check_response_is_documented(
         api.get(path.format(**path_values)), "GET", path
     )
 
-    blocks = answer.text.strip().split("\n\n")[1:]
-    events = [dict(line.split(": ", 1) for line in one.splitlines()) for one in blocks]
+    blocks = response.text.strip().split("\n\n")[1:]
+    events = [
+        dict(line.split(": ", 1) for line in block.splitlines()) for block in blocks
+    ]
     assert events[-1]["event"] == "end"
-    known = check_response_is_documented(
+    not_modified = check_response_is_documented(
         api.http.get(
             BASE + path.format(**path_values),
             headers={"Last-Event-ID": events[-1]["id"]},
@@ -83,7 +85,7 @@ def test_event_stream_matches_the_openapi_document(api, path_values, path, name,
         "GET",
         path,
     )
-    assert known.status_code == 204
+    assert not_modified.status_code == 204
     assert {model.model_validate_json(event["data"]).id for event in events} == {
         path_values[name]
     }
@@ -103,24 +105,27 @@ def test_batch_responses_match_the_openapi_document(
     api, path_values, body, media_type, status
 ):
     path = "/datasets/{dataset}/batches"
-    answer = api.http.post(
+    response = api.http.post(
         BASE + path.format(dataset=DATASET),
         content=body,
         headers={"Content-Type": media_type},
     )
 
-    assert check_response_is_documented(answer, "POST", path).status_code == status
+    assert check_response_is_documented(response, "POST", path).status_code == status
 
 
 @pytest.mark.parametrize("path", ["known-frames", "preview", "queue", "configs"])
 def test_post_with_an_invalid_idempotency_key_returns_400(api, path_values, path):
-    answer = api.http.post(
+    response = api.http.post(
         f"{BASE}/datasets/{DATASET}/{path}",
         json={"keys": [], "config": {}},
         headers={"Idempotency-Key": "no spaces"},
     )
 
-    assert (answer.status_code, answer.json()["code"]) == (400, "bad_idempotency_key")
+    assert (response.status_code, response.json()["code"]) == (
+        400,
+        "bad_idempotency_key",
+    )
 
 
 def test_openapi_maximum_of_queue_seed_is_the_64_bit_maximum():

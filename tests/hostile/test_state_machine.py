@@ -68,13 +68,13 @@ class ServiceAgainstModel(RuleBasedStateMachine):
     @rule(key=KEYS, content=CONTENTS, replace=st.booleans())
     def upload(self, key, content, replace):
         expected = self.model.expected_status(key, content, replace=replace)
-        answer = self.api.put(
+        response = self.api.put(
             self.name, key, annotation_of(content), replace=replace, **files_of(content)
         )
-        assert answer.status_code == expected, answer.text
+        assert response.status_code == expected, response.text
         if expected == 201:
-            decisions = answer.json()["decisions"]
-            self.model.store(key, content, [one["box_id"] for one in decisions])
+            decisions = response.json()["decisions"]
+            self.model.store(key, content, [box["box_id"] for box in decisions])
 
     @rule(data=st.data(), replace=st.booleans())
     def push(self, data, replace):
@@ -104,9 +104,9 @@ class ServiceAgainstModel(RuleBasedStateMachine):
     def delete(self, key, again):
         if again:  # delete in only one of four draws
             return
-        answer = self.api.http.delete(f"/api/v1/datasets/{self.name}/frames/{key}")
+        response = self.api.http.delete(f"/api/v1/datasets/{self.name}/frames/{key}")
         there = self.model.frames.pop(key, None) is not None
-        assert answer.status_code == (204 if there else 404)
+        assert response.status_code == (204 if there else 404)
 
     @rule(
         threshold=st.sampled_from(THRESHOLDS),
@@ -128,58 +128,58 @@ class ServiceAgainstModel(RuleBasedStateMachine):
             assert late.json()["current"]["revision"] == seen
             return
         repeats = box.repeats(verdict)
-        answer = self.api.review(number, verdict, seen)
-        assert answer.status_code == (200 if repeats else 201), answer.text
+        response = self.api.review(number, verdict, seen)
+        assert response.status_code == (200 if repeats else 201), response.text
         if not repeats:
             box.answer(verdict)
-        stored = answer.json()
+        stored = response.json()
         assert stored["revision"] == len(box.answers)
         assert stored["effective_verdict"] == box.effective
 
     @precondition(lambda self: self.model.boxes())
     @rule(data=st.data(), verdict=ANSWERS)
     def bulk(self, data, verdict):
-        known = sorted(self.model.boxes())
-        ids = sorted(data.draw(st.sets(st.sampled_from(known), min_size=1)))
-        seen = [len(self.model.boxes()[one].answers) for one in ids]
+        numbers = sorted(self.model.boxes())
+        ids = sorted(data.draw(st.sets(st.sampled_from(numbers), min_size=1)))
+        seen = [len(self.model.boxes()[number].answers) for number in ids]
         body = {"dataset": self.name, "box_ids": ids, "verdict": verdict}
-        answer = self.api.post("/reviews/bulk", body | {"seen_revisions": seen})
-        assert answer.status_code == 201, answer.text
-        batch = answer.json()
+        response = self.api.post("/reviews/bulk", body | {"seen_revisions": seen})
+        assert response.status_code == 201, response.text
+        batch = response.json()
         count = self.model.new_in_bulk(ids, verdict)
         assert (batch["count"], batch["skipped"]) == (count, [])
         self.model.bulk(batch["id"], ids if count else [], verdict)
 
-    @rule(wanted=FILTERS)
-    def filter(self, wanted):
+    @rule(filters=FILTERS)
+    def filter(self, filters):
         page = self.api.json(
-            "/boxes", dataset=self.name, limit=1000, count="true", **wanted
+            "/boxes", dataset=self.name, limit=1000, count="true", **filters
         )
-        expected = self.model.selected(wanted)
+        expected = self.model.selected(filters)
         assert [box["box_id"] for box in page["items"]] == expected
         assert page["total"] == len(expected)
 
-    @rule(wanted=FILTERS, verdict=ANSWERS, is_late=st.sampled_from([0, 0, 0, 1]))
-    def bulk_by_filter(self, wanted, verdict, is_late):
-        seen = self.api.json("/boxes", dataset=self.name, count="true", **wanted)
-        ids = self.model.selected(wanted)
+    @rule(filters=FILTERS, verdict=ANSWERS, is_late=st.sampled_from([0, 0, 0, 1]))
+    def bulk_by_filter(self, filters, verdict, is_late):
+        seen = self.api.json("/boxes", dataset=self.name, count="true", **filters)
+        ids = self.model.selected(filters)
         if is_late and ids:
             box = self.model.boxes()[ids[0]]
             late = "keep" if box.review == "unsure" else "unsure"
             assert self.api.review(ids[0], late, len(box.answers)).is_success
             box.answer(late)
-        body = {"dataset": self.name, "verdict": verdict, "filter": wanted}
-        answer = self.api.post("/reviews/bulk", body | {"snapshot": seen["snapshot"]})
+        body = {"dataset": self.name, "verdict": verdict, "filter": filters}
+        response = self.api.post("/reviews/bulk", body | {"snapshot": seen["snapshot"]})
         if is_late and ids:
-            assert (answer.status_code, answer.json()["code"]) == (
+            assert (response.status_code, response.json()["code"]) == (
                 412,
                 "stale_snapshot",
             )
             return
-        assert answer.status_code == 201, answer.text
+        assert response.status_code == 201, response.text
         count = self.model.new_in_bulk(ids, verdict)
-        assert answer.json()["count"] == count
-        self.model.bulk(answer.json()["id"], ids if count else [], verdict)
+        assert response.json()["count"] == count
+        self.model.bulk(response.json()["id"], ids if count else [], verdict)
 
     @precondition(lambda self: any(box.pile for box in self.model.boxes().values()))
     @rule(data=st.data())
@@ -201,58 +201,61 @@ class ServiceAgainstModel(RuleBasedStateMachine):
     @rule(data=st.data())
     def undo(self, data):
         batch = data.draw(st.sampled_from(sorted(self.model.batches)))
-        answer = self.api.post(f"/review-batches/{batch}/undo")
+        response = self.api.post(f"/review-batches/{batch}/undo")
         if batch in self.model.undone:
-            assert (answer.status_code, answer.json()["code"]) == (
+            assert (response.status_code, response.json()["code"]) == (
                 409,
                 "already_undone",
             )
             return
-        assert answer.status_code == 200, answer.text
-        undo = answer.json()
+        assert response.status_code == 200, response.text
+        undo = response.json()
         assert undo["undone"] == self.model.undo(batch, undo["id"])
 
     @rule(order=st.sampled_from(["doubt", "random", "class"]), limit=st.integers(1, 5))
     def queue(self, order, limit):
         filters = {"review": "undecided"}  # in doubt or not
         body = {"order": order, "limit": limit, "filters": filters}
-        answer = self.api.post(f"/datasets/{self.name}/queue", body).json()
+        response = self.api.post(f"/datasets/{self.name}/queue", body).json()
         boxes = self.model.boxes()
-        unanswered = [one for one, box in boxes.items() if box.review is None]
-        unsure = [one for one, box in boxes.items() if box.review == "unsure"]
-        assert (answer["remaining"], answer["unsure"]) == (len(unanswered), len(unsure))
-        ids = [one["box_id"] for one in answer["items"]]
+        unanswered = [number for number, box in boxes.items() if box.review is None]
+        unsure = [number for number, box in boxes.items() if box.review == "unsure"]
+        assert (response["remaining"], response["unsure"]) == (
+            len(unanswered),
+            len(unsure),
+        )
+        ids = [box["box_id"] for box in response["items"]]
         assert len(set(ids)) == len(ids) == min(limit, len(unanswered) + len(unsure))
         first = ids[: len(unanswered)]
         assert set(first) <= set(unanswered)
         assert set(ids[len(first) :]) <= set(unsure)
 
-    @rule(wanted=st.sampled_from(["decisions-jsonl", "yolo"]))
-    def export(self, wanted):
-        accepted = self.api.post(f"/datasets/{self.name}/exports", {"format": wanted})
+    @rule(form=st.sampled_from(["decisions-jsonl", "yolo"]))
+    def export(self, form):
+        accepted = self.api.post(f"/datasets/{self.name}/exports", {"format": form})
         export = self.api.wait_for_job(accepted)
         assert export["state"] == "done", export
-        answer = self.api.get(f"/exports/{export['id']}/download")
-        with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+        response = self.api.get(f"/exports/{export['id']}/download")
+        with zipfile.ZipFile(io.BytesIO(response.content)) as archive:
             texts = {
                 name: archive.read(name).decode()
                 for name in archive.namelist()
                 if name.endswith((".txt", ".jsonl"))
             }
         boxes = self.model.boxes()
-        if wanted == "yolo":
+        if form == "yolo":
             labels = "".join(text for name, text in texts.items() if "labels/" in name)
             # Unmeasured boxes are exported as they came.
             left = [box for box in boxes.values() if box.effective != "rejected"]
-            outside = [box for one, box in boxes.items() if self._is_outside(one)]
+            outside = [box for number, box in boxes.items() if self._is_outside(number)]
             assert len(labels.splitlines()) == sum(box not in outside for box in left)
             return
         (text,) = (text for name, text in texts.items() if name.endswith(".jsonl"))
         lines = map(json.loads, text.splitlines())
         assert {
-            one["box_id"]: (one["verdict"], one["effective_verdict"])
+            decision["box_id"]: (decision["verdict"], decision["effective_verdict"])
             for line in lines
-            for one in line["decisions"]
+            for decision in line["decisions"]
         } == {number: (box.verdict, box.effective) for number, box in boxes.items()}
 
     def _is_outside(self, number):
@@ -294,20 +297,20 @@ class ServiceAgainstModel(RuleBasedStateMachine):
         if not hasattr(self, "model"):
             return
         frames = self.api.json(f"/datasets/{self.name}/frames")["items"]
-        assert [one["key"] for one in frames] == sorted(self.model.frames)
+        assert [frame["key"] for frame in frames] == sorted(self.model.frames)
         for number, box in self.model.boxes().items():
             items = self.api.json(f"/boxes/{number}/history", limit=1000)["items"]
             said = [
-                (one["revision"], one["verdict"], one["batch"])
-                for one in items
-                if one["kind"] == "review"
+                (entry["revision"], entry["verdict"], entry["batch"])
+                for entry in items
+                if entry["kind"] == "review"
             ]
             assert sorted(said) == [
-                (place, one.verdict, one.batch)
-                for place, one in enumerate(box.answers, start=1)
+                (place, answer.verdict, answer.batch)
+                for place, answer in enumerate(box.answers, start=1)
             ]
             decided = Counter(
-                one["verdict"] for one in items if one["kind"] == "decision"
+                entry["verdict"] for entry in items if entry["kind"] == "decision"
             )
             assert decided == Counter(box.verdicts)
 

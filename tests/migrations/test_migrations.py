@@ -63,11 +63,11 @@ def test_migrations_run_up_down_and_up_again(engine):
 
 def test_migration_files_are_named_by_their_revisions(engine):
     """The names of their files say which revisions there are, without Alembic."""
-    known = revisions()
+    ids = revisions()
 
-    assert head_revision(SCRIPTS) == known[-1]
-    assert known == sorted(known)
-    assert all(is_known(SCRIPTS, revision) for revision in known)
+    assert head_revision(SCRIPTS) == ids[-1]
+    assert ids == sorted(ids)
+    assert all(is_known(SCRIPTS, revision) for revision in ids)
     assert not is_known(SCRIPTS, "9999")
     assert not is_known(SCRIPTS, "")
 
@@ -162,14 +162,14 @@ def test_exports_keep_their_ids_through_downgrade_and_upgrade(engine):
 def test_check_constraints_have_descriptive_names(engine):
     migrate(engine, SCRIPTS)
 
-    found = {
+    names = {
         check["name"]
         for table in ("runs", "exports", "decisions", "reviews")
         for check in inspect(engine).get_check_constraints(table)
     }
 
-    assert {"ck_runs_state", "ck_exports_state", "ck_decisions_reason"} <= found
-    assert {"ck_decisions_review", "ck_reviews_verdict"} <= found
+    assert {"ck_runs_state", "ck_exports_state", "ck_decisions_reason"} <= names
+    assert {"ck_decisions_review", "ck_reviews_verdict"} <= names
 
 
 def test_every_reason_can_be_stored_and_is_named_in_the_view(engine):

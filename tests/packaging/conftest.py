@@ -38,8 +38,8 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def wheel(distributions: Path) -> Path:
     """The path of the wheel."""
-    (found,) = distributions.glob("unghost-*.whl")
-    return found
+    (wheel,) = distributions.glob("unghost-*.whl")
+    return wheel
 
 
 @pytest.fixture(scope="session")

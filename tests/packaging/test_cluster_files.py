@@ -35,27 +35,29 @@ KUBERNETES: list[dict[str, Any]] = list(
     yaml.safe_load_all((CHECKOUT / "deploy" / "kubernetes.yaml").read_text("utf-8"))
 )
 OWN_SERVICES = [
-    name for name, one in SERVICES.items() if one.get("image") == "unghost:cluster"
+    name for name, spec in SERVICES.items() if spec.get("image") == "unghost:cluster"
 ]
 NGINX = shutil.which("nginx", path=f"{os.environ['PATH']}:/usr/sbin")
 
 
 def environment(name: str) -> dict[str, str]:
     """A container's environment, with "chosen" for each value that users must set."""
-    given: dict[str, str] = SERVICES[name].get("environment", {})
+    variables: dict[str, str] = SERVICES[name].get("environment", {})
     return {
         key: re.sub(r"\$\{\w+:\?[^}]*\}", "chosen", value)
-        for key, value in given.items()
+        for key, value in variables.items()
     }
 
 
 def test_only_the_proxy_is_published_and_only_on_loopback():
-    published = {name: one["ports"] for name, one in SERVICES.items() if "ports" in one}
+    published = {
+        name: spec["ports"] for name, spec in SERVICES.items() if "ports" in spec
+    }
 
     assert published == {"proxy": ["127.0.0.1:8000:8080"]}
     assert COMPOSE_FILE["networks"]["inside"]["internal"] is True
     assert {
-        name for name, one in SERVICES.items() if one["networks"] != ["inside"]
+        name for name, spec in SERVICES.items() if spec["networks"] != ["inside"]
     } == {"proxy"}
 
 
@@ -85,7 +87,7 @@ def test_each_container_gets_exactly_the_certificates_it_names(name):
 
 
 def test_containers_run_commands_that_exist():
-    commands = [one["command"] for one in SERVICES.values() if "command" in one]
+    commands = [spec["command"] for spec in SERVICES.values() if "command" in spec]
 
     assert commands
     assert {words[0] for words in commands} == {"unghost"}
@@ -102,9 +104,12 @@ def containers(part: Any) -> Iterator[dict[str, Any]]:
 
 def test_kubernetes_example_has_valid_settings_and_commands(monkeypatch):
     fields = {f"UNGHOST_{field.upper()}" for field in Settings.model_fields}
-    shared = next(one["data"] for one in KUBERNETES if one["kind"] == "ConfigMap")
-    found = [each for part in KUBERNETES for each in containers(part)]
-    own = [{one["name"]: one["value"] for one in each["env"]} for each in found]
+    shared = next(part["data"] for part in KUBERNETES if part["kind"] == "ConfigMap")
+    programs = [each for part in KUBERNETES for each in containers(part)]
+    own = [
+        {variable["name"]: variable["value"] for variable in each["env"]}
+        for each in programs
+    ]
 
     for variables in (shared, *own):
         with monkeypatch.context() as patch:
@@ -112,8 +117,8 @@ def test_kubernetes_example_has_valid_settings_and_commands(monkeypatch):
                 patch.setenv(name, value)
             Settings()
         assert set(variables) <= fields
-    assert [each["name"] for each in found] == ["unghost", "scheduler", "worker"]
-    commands = [each["args"] for each in found if "args" in each]
+    assert [each["name"] for each in programs] == ["unghost", "scheduler", "worker"]
+    commands = [each["args"] for each in programs if "args" in each]
     assert {words[0] for words in commands} == {"unghost"}
     assert {words[1] for words in commands} <= set(COMMANDS)
 
@@ -132,11 +137,11 @@ def test_pods_disable_the_service_links_of_kubernetes(monkeypatch):
     Formerly that ended each pod.
     """
     monkeypatch.setenv("UNGHOST_PORT", "tcp://10.0.0.1:80")
-    found = [pod for part in KUBERNETES for pod in pods(part)]
+    all_pods = [pod for part in KUBERNETES for pod in pods(part)]
 
     with pytest.raises(ValueError, match="port"):
         Settings()
-    assert [pod.get("enableServiceLinks") for pod in found] == [False] * 3
+    assert [pod.get("enableServiceLinks") for pod in all_pods] == [False] * 3
 
 
 def test_services_and_workers_share_database_storage_and_engine():

@@ -94,26 +94,26 @@ def reader(installation: Installation, tmp_path: Path) -> Iterator[Reader]:
         (tmp_path / name).write_bytes(plain_png(1280, 720, (0, 0, 142)))
     (tmp_path / "filter.yaml").write_text(blocks(read("docs/quickstart.md"), "yaml")[0])
     with reserved_port() as port:
-        found = Reader(installation, tmp_path, port)
+        reader = Reader(installation, tmp_path, port)
         try:
-            yield found
+            yield reader
         finally:
-            if found.server is not None:
-                found.server.terminate()
-                found.server.wait()
+            if reader.server is not None:
+                reader.server.terminate()
+                reader.server.wait()
 
 
 def commands_of(document: str) -> list[str]:
     """The commands of a document that can be run here, in their order."""
-    found = []
+    commands = []
     for block in blocks(read(f"{document}.md"), "sh"):
         joined = block.replace("\\\n", " ")
         if "$(" in joined:  # the next lines use what it sets
-            found.append(joined)
+            commands.append(joined)
         else:
             lines = [line.partition("   #")[0].strip() for line in joined.splitlines()]
-            found += [line for line in lines if line and line[0] != "#"]
-    return [command for command in found if not ELSEWHERE.match(command)]
+            commands += [line for line in lines if line and line[0] != "#"]
+    return [command for command in commands if not ELSEWHERE.match(command)]
 
 
 def test_every_command_of_the_documents_runs_after_those_before(reader):

@@ -27,26 +27,26 @@ class Replica:
 class Replicas:
     """Both servers, and the address of the database that they share."""
 
-    one: Replica
-    two: Replica
+    first: Replica
+    second: Replica
     database_url: str
 
     @property
     def both(self) -> tuple[Replica, Replica]:
-        return self.one, self.two
+        return self.first, self.second
 
     def make_reviewer_clients(self, role: str = "reviewer") -> tuple[Api, Api]:
         """Make a person on the first server, and give a client of each server."""
-        one = self.one.api.person(role)
-        token = {"Authorization": one.http.headers["authorization"]}
-        return one, Api.at(self.two.server.url, token)
+        first = self.first.api.person(role)
+        token = {"Authorization": first.http.headers["authorization"]}
+        return first, Api.at(self.second.server.url, token)
 
     def make_dataset(self, frames: int = 1) -> str:
         """Make a dataset, uploading its frames to the two servers in turn.
 
         Each frame has a visible car and a ghost, a box without an object.
         """
-        name = self.one.api.dataset()
+        name = self.first.api.dataset()
         for number in range(frames):
             api = self.both[number % 2].api
             api.upload_frame(

@@ -78,8 +78,8 @@ class Writers:
             while not self.over.is_set():
                 number += 1
                 annotation = {**scene.annotation(), "number": number}
-                answer = api.put(self.dataset, f"w/{number:05}", annotation)
-                if self._is_accepted_or_recorded(answer):
+                response = api.put(self.dataset, f"w/{number:05}", annotation)
+                if self._is_accepted_or_recorded(response):
                     self.stored.add(f"w/{number:05}")
 
     def _review(self) -> None:
@@ -90,30 +90,30 @@ class Writers:
                 if not self._is_accepted_or_recorded(listed):
                     continue
                 for box in listed.json()["items"]:
-                    answer = api.review(box["box_id"], "keep")
+                    response = api.review(box["box_id"], "keep")
                     if (
-                        self._is_accepted_or_recorded(answer)
-                        and answer.status_code == 201
+                        self._is_accepted_or_recorded(response)
+                        and response.status_code == 201
                     ):
                         self.reviewed[box["box_id"]] = "keep"
 
     def _client(self) -> Api:
         return Api.at(self.place.server.url, self.place.server.headers)
 
-    def _is_accepted_or_recorded(self, answer: httpx.Response) -> bool:
-        if answer.status_code in EXPECTED_STATUSES:
+    def _is_accepted_or_recorded(self, response: httpx.Response) -> bool:
+        if response.status_code in EXPECTED_STATUSES:
             return True
-        self.refused.append(answer)
+        self.refused.append(response)
         time.sleep(0.05)
         return False
 
     def check_acknowledged_writes(self) -> None:
         """All that was acknowledged is stored; refusals were 503 with `Retry-After`."""
-        for answer in self.refused:
-            assert answer.status_code == 503, answer.text
-            assert int(answer.headers["Retry-After"]) > 0
-            assert answer.json()["code"] in ("not_ready", "database_busy")
-            assert "127.0.0.1" not in answer.text
+        for response in self.refused:
+            assert response.status_code == 503, response.text
+            assert int(response.headers["Retry-After"]) > 0
+            assert response.json()["code"] in ("not_ready", "database_busy")
+            assert "127.0.0.1" not in response.text
         api = self.place.api
         keys = {
             each["key"]
@@ -144,8 +144,8 @@ def wait_for_recovery(api):
 
 def wait_for_stored(writers, more):
     """Wait until the writers have stored so many more frames."""
-    wanted = len(writers.stored) + more
-    until(lambda: len(writers.stored) >= wanted)
+    enough = len(writers.stored) + more
+    until(lambda: len(writers.stored) >= enough)
 
 
 def terminate_connections(cluster):
@@ -190,7 +190,7 @@ def test_requests_without_a_database_return_503_immediately(place):
     place.cluster.stop()
     try:
         begun = time.monotonic()
-        answers = [
+        responses = [
             place.api.get("/datasets"),
             place.api.get("/boxes", dataset=name),
             place.api.put(name, "b"),
@@ -206,9 +206,9 @@ def test_requests_without_a_database_return_503_immediately(place):
         place.cluster.start()
     wait_for_recovery(place.api)
 
-    *asked, page, health = answers
-    assert [answer.status_code for answer in asked] == [503] * len(asked)
-    assert all(int(answer.headers["Retry-After"]) > 0 for answer in asked)
+    *others, page, health = responses
+    assert [response.status_code for response in others] == [503] * len(others)
+    assert all(int(response.headers["Retry-After"]) > 0 for response in others)
     assert (page.status_code, health.status_code) == (200, 200)
     assert took < 10
     assert place.api.review(box, "keep").status_code == 201
@@ -228,8 +228,8 @@ def test_batch_that_loses_the_database_reports_what_is_stored(place):
         f"{BASE}/datasets/{name}/batches",
         content=tar_archive(members),
         headers={"Content-Type": "application/x-tar"},
-    ) as answer:
-        for line in answer.iter_lines():
+    ) as response:
+        for line in response.iter_lines():
             lines += lines_of(line)
             if len(lines) == 1:
                 restart_cluster(place.cluster)
@@ -259,8 +259,8 @@ def street(place):
 
 def wait_for_end(api, where):
     def finished():
-        found = api.http.get(where).json()
-        return found if found["state"] in FINISHED else None
+        job = api.http.get(where).json()
+        return job if job["state"] in FINISHED else None
 
     return until(finished, lambda: api.http.get(where).json())
 
@@ -278,10 +278,10 @@ def test_run_resumes_by_itself_after_a_database_restart(place, street, lose):
 
     lose(place.cluster)
     wait_for_recovery(place.api)
-    found = wait_for_end(place.api, accepted.headers["location"])
+    run = wait_for_end(place.api, accepted.headers["location"])
 
     assert seen["done"] < FRAMES
-    assert (found["state"], found["done"]) == ("done", FRAMES), found
+    assert (run["state"], run["done"]) == ("done", FRAMES), run
 
 
 def end_a_connection_in_transaction(cluster):
@@ -296,9 +296,9 @@ def test_connection_lost_in_a_transaction_does_not_fail_the_run(place, street):
         next(event.data for event in events if event.data["done"])
 
     end_a_connection_in_transaction(place.cluster)
-    found = wait_for_end(place.api, accepted.headers["location"])
+    run = wait_for_end(place.api, accepted.headers["location"])
 
-    assert (found["state"], found["done"]) == ("done", FRAMES), found
+    assert (run["state"], run["done"]) == ("done", FRAMES), run
 
 
 @LONG
@@ -307,7 +307,7 @@ def test_accepted_export_is_written_after_a_database_restart(place, street, lose
     accepted = place.api.post(f"/datasets/{street}/exports", {"format": "yolo"})
     lose(place.cluster)
     wait_for_recovery(place.api)
-    found = wait_for_end(place.api, accepted.headers["location"])
+    run = wait_for_end(place.api, accepted.headers["location"])
 
     assert accepted.status_code == 202
-    assert (found["state"], found["done"]) == ("done", FRAMES), found
+    assert (run["state"], run["done"]) == ("done", FRAMES), run

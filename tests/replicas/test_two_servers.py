@@ -42,8 +42,8 @@ def wait_until_unauthorised(client, path="/api/v1/datasets"):
 
 
 def test_servers_that_share_a_data_folder_share_the_first_token(replicas):
-    assert replicas.one.server.token == replicas.two.server.token
-    assert replicas.two.api.get("/session").json()["role"] == "admin"
+    assert replicas.first.server.token == replicas.second.server.token
+    assert replicas.second.api.get("/session").json()["role"] == "admin"
 
 
 def test_servers_started_together_on_an_empty_database_use_one_token(tmp_path):
@@ -64,34 +64,35 @@ def test_servers_started_together_on_an_empty_database_use_one_token(tmp_path):
 
 
 def test_login_code_and_session_of_one_server_are_valid_on_the_other(replicas):
-    one, two = replicas.one.server.url, replicas.two.server.url
-    code = replicas.two.server.login_link.partition("/#code=")[2]
-    opened = plain_http.post(f"{one}/api/v1/session", json={"code": code})
-    again = plain_http.post(f"{two}/api/v1/session", json={"code": code})
+    first, second = replicas.first.server.url, replicas.second.server.url
+    code = replicas.second.server.login_link.partition("/#code=")[2]
+    opened = plain_http.post(f"{first}/api/v1/session", json={"code": code})
+    again = plain_http.post(f"{second}/api/v1/session", json={"code": code})
     shown = {"Authorization": f"Bearer {opened.json()['session']}"}
-    with plain_http.Client(base_url=two, headers=shown) as browser:
-        known = browser.get("/api/v1/session")
+    with plain_http.Client(base_url=second, headers=shown) as browser:
+        session = browser.get("/api/v1/session")
         browser.delete("/api/v1/session")
-    with plain_http.Client(base_url=one, headers=shown) as browser:
+    with plain_http.Client(base_url=first, headers=shown) as browser:
         last_sent_s = wait_until_unauthorised(browser)
 
     assert (opened.status_code, again.status_code) == (201, 401)
-    assert known.json()["name"] == "admin"
+    assert session.json()["name"] == "admin"
     assert last_sent_s < REMEMBERED_S
 
 
 def test_revoked_token_is_unauthorised_on_both_servers_within_a_second(replicas):
-    made = replicas.one.api.post("/tokens", {"name": "eve", "role": "viewer"}).json()
+    made = replicas.first.api.post("/tokens", {"name": "eve", "role": "viewer"}).json()
     headers = {"Authorization": f"Bearer {made['token']}"}
     with (
-        Api.at(replicas.one.server.url, headers).http as one,
-        Api.at(replicas.two.server.url, headers).http as two,
+        Api.at(replicas.first.server.url, headers).http as first,
+        Api.at(replicas.second.server.url, headers).http as second,
     ):
-        assert [each.get("/version").status_code for each in (one, two)] == [200, 200]
+        assert first.get("/version").status_code == 200
+        assert second.get("/version").status_code == 200
 
-        revoked = replicas.one.api.http.delete(f"{BASE}/tokens/{made['id']}")
-        here = one.get("/version").status_code
-        last_sent_s = wait_until_unauthorised(two)
+        revoked = replicas.first.api.http.delete(f"{BASE}/tokens/{made['id']}")
+        here = first.get("/version").status_code
+        last_sent_s = wait_until_unauthorised(second)
 
     assert (revoked.status_code, here) == (204, 401)
     assert last_sent_s < REMEMBERED_S
@@ -103,18 +104,22 @@ def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer
     boxes = ada.box_ids(name)
 
     for box_id in boxes:
-        answers = call_concurrently(
+        responses = call_concurrently(
             partial(ada.review, box_id, "keep"), partial(bob.review, box_id, "reject")
         )
-        assert sorted(answer.status_code for answer in answers) == [201, 412]
-        (won,) = [answer.json() for answer in answers if answer.status_code == 201]
-        (lost,) = [answer.json() for answer in answers if answer.status_code == 412]
+        assert sorted(response.status_code for response in responses) == [201, 412]
+        (won,) = [
+            response.json() for response in responses if response.status_code == 201
+        ]
+        (lost,) = [
+            response.json() for response in responses if response.status_code == 412
+        ]
         shown = [each.api.json(f"/boxes/{box_id}") for each in replicas.both]
         assert shown[0] == shown[1]
         assert shown[0]["review"]["verdict"] == won["verdict"]
         assert lost["current"]["review"]["revision"] == 1
-    found = [each.api.json(f"/datasets/{name}/stats") for each in replicas.both]
-    assert found[0] == found[1]
+    counts = [each.api.json(f"/datasets/{name}/stats") for each in replicas.both]
+    assert counts[0] == counts[1]
 
 
 def answer_in_bulk_at_once(ada, bob, act, which):
@@ -136,17 +141,19 @@ def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_re
     for act in range(10):
         seen = [act] * len(boxes)
         which = {"dataset": name, "box_ids": boxes, "seen_revisions": seen}
-        answers = answer_in_bulk_at_once(ada, bob, act, which)
-        assert [answer.status_code for answer in answers] == [201, 201]
-        done = sorted((each.json() for each in answers), key=lambda one: one["count"])
-        assert [one["count"] for one in done] == [0, len(boxes)]
-        assert [one["stale"] for one in done] == [boxes, []]
+        responses = answer_in_bulk_at_once(ada, bob, act, which)
+        assert [response.status_code for response in responses] == [201, 201]
+        done = sorted(
+            (each.json() for each in responses), key=lambda batch: batch["count"]
+        )
+        assert [batch["count"] for batch in done] == [0, len(boxes)]
+        assert [batch["stale"] for batch in done] == [boxes, []]
         won = done[1]["verdict"]
         shown = [each.api.boxes(name) for each in replicas.both]
         assert shown[0] == shown[1]
         said = [(box["revision"], box["review"]["verdict"]) for box in shown[0]]
         assert said == [(act + 1, won)] * len(boxes)
-        stats = replicas.one.api.json(f"/datasets/{name}/stats")
+        stats = replicas.first.api.json(f"/datasets/{name}/stats")
         assert (stats["reviewed"], stats["boxes"]) == (len(boxes), len(boxes))
 
 
@@ -159,17 +166,19 @@ def test_of_two_concurrent_bulk_answers_by_filter_the_later_is_stale(
     for act in range(5):
         page = ada.json("/boxes", dataset=name, count="true")
         which = {"dataset": name, "filter": {}, "snapshot": page["snapshot"]}
-        answers = answer_in_bulk_at_once(ada, bob, act, which)
-        assert sorted(answer.status_code for answer in answers) == [201, 412]
-        (late,) = [answer.json() for answer in answers if answer.status_code == 412]
+        responses = answer_in_bulk_at_once(ada, bob, act, which)
+        assert sorted(response.status_code for response in responses) == [201, 412]
+        (late,) = [
+            response.json() for response in responses if response.status_code == 412
+        ]
         assert late["code"] == "stale_snapshot"
         assert late["current"]["total"] == page["total"]
 
 
 def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_reviewer):
-    one, two = make_reviewer()
+    first, second = make_reviewer()
     name = replicas.make_dataset()
-    box = one.boxes(name)[0]["box_id"]
+    box = first.boxes(name)[0]["box_id"]
 
     def post_review_with_key(api, number):
         path = f"{BASE}/boxes/{box}/reviews"
@@ -178,15 +187,17 @@ def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_revi
         return api.http.post(path, json=body, headers=headers)
 
     for number in range(10):
-        first, second = call_concurrently(
-            partial(post_review_with_key, one, number),
-            partial(post_review_with_key, two, number),
+        stored, repeated = call_concurrently(
+            partial(post_review_with_key, first, number),
+            partial(post_review_with_key, second, number),
         )
-        assert (first.status_code, second.status_code) == (201, 201), number
-        assert first.content == second.content
-        replayed = [each.headers.get("Idempotent-Replayed") for each in (first, second)]
+        assert (stored.status_code, repeated.status_code) == (201, 201), number
+        assert stored.content == repeated.content
+        replayed = [
+            each.headers.get("Idempotent-Replayed") for each in (stored, repeated)
+        ]
         assert replayed.count("true") == 1
-    assert one.json(f"/boxes/{box}")["review"]["revision"] == 10
+    assert first.json(f"/boxes/{box}")["review"]["revision"] == 10
 
 
 def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
@@ -197,65 +208,67 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
         taken: list[int] = []
         for order in ("doubt", "random", "class"):
             filters = {"review": "undecided"}  # in doubt or not
-            wanted = {"limit": 2, "order": order, "exclude": taken, "filters": filters}
-            answer = clients[number].post(f"/datasets/{name}/queue", wanted)
-            assert answer.status_code == 200, answer.text
-            taken += [item["box_id"] for item in answer.json()["items"]]
+            body = {"limit": 2, "order": order, "exclude": taken, "filters": filters}
+            response = clients[number].post(f"/datasets/{name}/queue", body)
+            assert response.status_code == 200, response.text
+            taken += [item["box_id"] for item in response.json()["items"]]
         return taken
 
     with ThreadPoolExecutor(6) as pool:
-        given = list(pool.map(take_from_queue, range(6)))
+        parts = list(pool.map(take_from_queue, range(6)))
 
-    assert [len(one) for one in given] == [6] * 6
-    assert len({box for one in given for box in one}) == 36
+    assert [len(part) for part in parts] == [6] * 6
+    assert len({box for part in parts for box in part}) == 36
 
 
 def test_bulk_answer_of_one_server_is_undone_once_on_either(replicas, make_reviewer):
-    one, two = make_reviewer()
+    first, second = make_reviewer()
     name = replicas.make_dataset(frames=4)
-    ids = one.box_ids(name)
-    wanted = {"dataset": name, "box_ids": ids, "verdict": "reject"}
+    ids = first.box_ids(name)
+    body = {"dataset": name, "box_ids": ids, "verdict": "reject"}
 
-    batch = one.post("/reviews/bulk", wanted).json()
-    seen = two.json(f"/datasets/{name}/stats")["effective"]["rejected"]
+    batch = first.post("/reviews/bulk", body).json()
+    seen = second.json(f"/datasets/{name}/stats")["effective"]["rejected"]
     undone = call_concurrently(
-        lambda: one.post(f"/review-batches/{batch['id']}/undo"),
-        lambda: two.post(f"/review-batches/{batch['id']}/undo"),
+        lambda: first.post(f"/review-batches/{batch['id']}/undo"),
+        lambda: second.post(f"/review-batches/{batch['id']}/undo"),
     )
 
     assert (batch["count"], seen) == (8, 8)
-    assert sorted(answer.status_code for answer in undone) == [200, 409]
-    assert one.json(f"/datasets/{name}/stats")["effective"]["rejected"] == 4
+    assert sorted(response.status_code for response in undone) == [200, 409]
+    assert first.json(f"/datasets/{name}/stats")["effective"]["rejected"] == 4
 
 
 def test_preview_cache_of_one_server_follows_writes_of_the_other(replicas):
-    one, two = (each.api for each in replicas.both)
+    first, second = (each.api for each in replicas.both)
     name = replicas.make_dataset(frames=2)
     preview = {"config": {"min_visible_pixels": 10**6}}
 
     def flips(api):
-        answer = api.post(f"/datasets/{name}/preview", preview)
-        assert answer.status_code == 200, answer.text
-        return answer.json()["flips"]["total"]
+        response = api.post(f"/datasets/{name}/preview", preview)
+        assert response.status_code == 200, response.text
+        return response.json()["flips"]["total"]
 
-    before = flips(one), flips(two)
-    one.upload_frame(name, "more", {**scene.annotation(), "number": 77})
-    added = flips(one), flips(two)
-    two.http.delete(f"{BASE}/datasets/{name}/frames/000")
-    removed = flips(one), flips(two)
-    two.upload_frame(name, "more", {**scene.annotation(), "number": 78}, replace=True)
-    replaced = flips(one), flips(two)
-    ran = one.run(name, {"min_visible_pixels": 10**6})
-    decided = flips(one), flips(two)
+    before = flips(first), flips(second)
+    first.upload_frame(name, "more", {**scene.annotation(), "number": 77})
+    added = flips(first), flips(second)
+    second.http.delete(f"{BASE}/datasets/{name}/frames/000")
+    removed = flips(first), flips(second)
+    second.upload_frame(
+        name, "more", {**scene.annotation(), "number": 78}, replace=True
+    )
+    replaced = flips(first), flips(second)
+    ran = first.run(name, {"min_visible_pixels": 10**6})
+    decided = flips(first), flips(second)
 
     assert (before, added, removed, replaced) == ((2, 2), (3, 3), (2, 2), (2, 2))
     assert (ran["changed"], decided) == (2, (0, 0))
-    two.upload_frame(name, "last", {**scene.annotation(), "number": 79})
-    assert two.json(f"/datasets/{name}/stats")["kept"] == 0
+    second.upload_frame(name, "last", {**scene.annotation(), "number": 79})
+    assert second.json(f"/datasets/{name}/stats")["kept"] == 0
 
 
 def test_config_activated_on_one_server_decides_frames_on_the_other(replicas):
-    one, two = (each.api for each in replicas.both)
+    first, second = (each.api for each in replicas.both)
     name = replicas.make_dataset(frames=2)
 
     for number in range(4):
@@ -266,66 +279,68 @@ def test_config_activated_on_one_server_decides_frames_on_the_other(replicas):
         )
         verdicts = [decision["verdict"] for decision in stored["decisions"]]
         assert verdicts == ["kept" if number % 2 else "rejected", "rejected"]
-    assert one.json(f"/datasets/{name}/stats") == two.json(f"/datasets/{name}/stats")
+    assert first.json(f"/datasets/{name}/stats") == second.json(
+        f"/datasets/{name}/stats"
+    )
 
 
 def test_run_of_one_server_is_followed_and_cancelled_on_the_other(replicas):
-    one, two = (each.api for each in replicas.both)
-    name = create_slow_dataset(one, 20)
+    first, second = (each.api for each in replicas.both)
+    name = create_slow_dataset(first, 20)
 
-    accepted = one.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
+    accepted = first.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
     run_id = accepted.json()["id"]
-    with open_events(two, run_id) as stream:
+    with open_events(second, run_id) as stream:
         seen = list(stream)
     for config in OTHER_PIXELS:
-        cut = one.post(f"/datasets/{name}/runs", {"config": config})
-        cancelled = two.post(f"/runs/{cut.json()['id']}/cancel")
+        cut = first.post(f"/datasets/{name}/runs", {"config": config})
+        cancelled = second.post(f"/runs/{cut.json()['id']}/cancel")
         if cancelled.status_code == 202:  # otherwise it was over before
             break
-    ended = two.wait_for_job(cut)
+    ended = second.wait_for_job(cut)
 
     assert seen[-1].name == "end"
-    assert one.json(f"/runs/{run_id}")["state"] == "done"
+    assert first.json(f"/runs/{run_id}")["state"] == "done"
     assert cancelled.status_code == 202
     assert ended["state"] == "cancelled"
 
 
 def test_export_events_of_one_server_are_read_on_the_other(replicas):
-    one, two = replicas.one.api, replicas.two.api
-    name = one.dataset()
+    first, second = replicas.first.api, replicas.second.api
+    name = first.dataset()
     for number in range(3):
-        one.upload_frame(name, f"f/{number}")
+        first.upload_frame(name, f"f/{number}")
 
-    asked = one.post(f"/datasets/{name}/exports", {"format": "coco"})
-    seen = events(two, asked.json()["id"], of="exports")
+    export = first.post(f"/datasets/{name}/exports", {"format": "coco"})
+    seen = events(second, export.json()["id"], of="exports")
 
     assert [event.name for event in seen][-1] == "end"
-    assert seen[-1].data == one.json(f"/exports/{asked.json()['id']}")
+    assert seen[-1].data == first.json(f"/exports/{export.json()['id']}")
     assert seen[-1].data["state"] == "done"
 
 
 def test_null_character_in_a_name_is_a_client_error(replicas):
-    answers = [
-        replicas.one.api.get("/datasets/%00"),
-        replicas.one.api.get("/boxes?dataset=%00"),
-        replicas.one.api.post("/datasets/%00/queue", {}),
-        replicas.one.api.put("%00", "a"),
+    responses = [
+        replicas.first.api.get("/datasets/%00"),
+        replicas.first.api.get("/boxes?dataset=%00"),
+        replicas.first.api.post("/datasets/%00/queue", {}),
+        replicas.first.api.put("%00", "a"),
     ]
 
-    assert {answer.status_code for answer in answers} <= {404, 422}
+    assert {response.status_code for response in responses} <= {404, 422}
 
 
 def test_each_event_is_delivered_once_by_one_of_two_servers(replicas):
-    one, two = (each.api for each in replicas.both)
+    first, second = (each.api for each in replicas.both)
     with receiving() as receiver:
-        hook = one.post("/hooks", {"url": receiver.url}).json()
+        hook = first.post("/hooks", {"url": receiver.url}).json()
         for number in range(6):
-            (one, two)[number % 2].post(f"/hooks/{hook['id']}/ping")
+            (first, second)[number % 2].post(f"/hooks/{hook['id']}/ping")
         receiver.wait_for(6)
         log = f"/hooks/{hook['id']}/deliveries"
-        until(lambda: not any(entry["due_at"] for entry in two.json(log)["items"]))
+        until(lambda: not any(entry["due_at"] for entry in second.json(log)["items"]))
         time.sleep(2 * EVERY_S)
         delivered = [request.headers["webhook-id"] for request in receiver.received]
-    two.delete(f"/hooks/{hook['id']}")
+    second.delete(f"/hooks/{hook['id']}")
 
     assert len(delivered) == len(set(delivered)) == 6

@@ -27,8 +27,8 @@ def files(number):
     return {"image": scene.image(number), "segmentation": scene.segmentation()}
 
 
-def problem(answer):
-    return answer.status_code, answer.json()["code"]
+def problem(response):
+    return response.status_code, response.json()["code"]
 
 
 @pytest.fixture(params=["shut", pytest.param("hold", marks=pytest.mark.long)])
@@ -73,14 +73,14 @@ def test_unreachable_store_returns_503_and_stored_files_are_read_later(
 
 def test_batch_ends_at_the_frame_that_the_store_did_not_take(on_s3):
     api, dataset = on_s3.api, on_s3.api.dataset()
-    members = [one for name in ("a", "b") for one in frame(name)]
+    members = [file for name in ("a", "b") for file in frame(name)]
     on_s3.gate.shut()
 
-    answer = send(api, dataset, tar_archive(members))
+    response = send(api, dataset, tar_archive(members))
     on_s3.gate.open()
     again = send(api, dataset, tar_archive(members))
 
-    (end,) = lines_of(answer.text)
+    (end,) = lines_of(response.text)
     assert (end["problem"]["status"], end["problem"]["code"]) == (503, "storage_away")
     assert [line.get("status") for line in lines_of(again.text)] == [201, 201, None]
 
@@ -154,7 +154,9 @@ def send_in_batches(api, dataset, count):
 
     def all_are_stored():
         members = [
-            one for number in sorted(left) for one in frame(f"{number}", number=number)
+            file
+            for number in sorted(left)
+            for file in frame(f"{number}", number=number)
         ]
         for line in lines_of(send(api, dataset, tar_archive(members)).text):
             if line.get("status") in (200, 201):
@@ -201,14 +203,14 @@ def check_uploads_survive_interruptions(running, count):
 
 def check_every_frame(running, dataset, count):
     api = running.api
-    found = api.json(f"/datasets/{dataset}/frames", limit=200)["items"]
+    frames = api.json(f"/datasets/{dataset}/frames", limit=200)["items"]
     contents = {
         hashlib.sha256(api.get(f"/frames/{each['id']}/image").content).hexdigest()
-        for each in found
+        for each in frames
     }
     doctor = running.command("doctor", "--verify", "--json")
 
-    assert len(found) == 2 * count
+    assert len(frames) == 2 * count
     assert contents == {
         hashlib.sha256(scene.image(number)).hexdigest() for number in range(count)
     }

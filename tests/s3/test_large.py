@@ -76,8 +76,8 @@ def test_large_export_is_stored_and_downloaded_in_bounded_memory(
     forget_peak(process)
     before = peak_bytes(process)
 
-    with service_with_long_timeout.api.http.stream("GET", made["download"]) as answer:
-        for piece in answer.iter_bytes():
+    with service_with_long_timeout.api.http.stream("GET", made["download"]) as response:
+        for piece in response.iter_bytes():
             digest.update(piece)
 
     grown = peak_bytes(process) - before

@@ -34,9 +34,9 @@ def rename_dataset(services, name) -> ServiceDataset:
 
 
 def export_state_and_digest(street, form):
-    wanted = ExportRequest(form, FORMATS[form], "ada")
+    request = ExportRequest(form, FORMATS[form], "ada")
     with street.context.database.write() as session:
-        made = request_export(street.context, session, street.row(session), wanted)
+        made = request_export(street.context, session, street.row(session), request)
 
     def ended():
         with street.context.database.read() as session:

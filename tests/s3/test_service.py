@@ -17,11 +17,11 @@ HOUR_S = 3600
 
 def batch(api, dataset, *names):
     members = [
-        one for number, name in enumerate(names) for one in frame(name, number=number)
+        file for number, name in enumerate(names) for file in frame(name, number=number)
     ]
-    answer = send(api, dataset, tar_archive(members))
-    assert answer.status_code == 200, answer.text
-    return lines_of(answer.text)
+    response = send(api, dataset, tar_archive(members))
+    assert response.status_code == 200, response.text
+    return lines_of(response.text)
 
 
 def upload_dataset(api):
@@ -55,7 +55,7 @@ def test_files_are_in_the_bucket_by_digest_and_not_in_the_data_folder(on_s3, dat
     frames = api.json(f"/datasets/{dataset}/frames")["items"]
     pictures = [api.get(f"/frames/{each['id']}/image") for each in frames]
 
-    digests = {hashlib.sha256(answer.content).hexdigest() for answer in pictures}
+    digests = {hashlib.sha256(response.content).hexdigest() for response in pictures}
     keys = {f"some/where/{digest[:2]}/{digest}" for digest in digests}
     assert len(frames) == 2 * FRAMES
     assert keys <= {*on_s3.bucket.keys()}
@@ -74,9 +74,9 @@ def test_thumbnail_overlay_and_crop_are_drawn_from_the_bucket(on_s3, dataset):
         f"{frame_path}/overlay",
         f"/boxes/{box['box_id']}/crop",
     ):
-        answer = on_s3.api.get(path)
-        assert answer.status_code == 200, answer.text
-        assert answer.headers["content-type"] in ("image/webp", "image/png")
+        response = on_s3.api.get(path)
+        assert response.status_code == 200, response.text
+        assert response.headers["content-type"] in ("image/webp", "image/png")
 
 
 def test_run_measures_frames_from_the_bucket(on_s3):
@@ -157,6 +157,6 @@ def test_garbage_collection_removes_old_unused_files_of_the_bucket(on_s3, s3):
     assert (told["files"], told["too_young"]) == (1, 1)
     assert digests["old"] not in on_s3.bucket.blobs()
     assert digests["young"] in on_s3.bucket.blobs()
-    found = {record["check"]: record for record in doctor.records}
-    assert found["store"]["severity"] == "ok"
-    assert found["files"]["found"] == "all match their hashes"
+    findings = {record["check"]: record for record in doctor.records}
+    assert findings["store"]["severity"] == "ok"
+    assert findings["files"]["found"] == "all match their hashes"

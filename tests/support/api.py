@@ -42,9 +42,9 @@ class Api:
 
     def json(self, path: str, **parameters: Any) -> Any:
         """GET a path, which must be answered with 200, and return the parsed body."""
-        answer = self.get(path, **parameters)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
+        response = self.get(path, **parameters)
+        assert response.status_code == 200, response.text
+        return response.json()
 
     def post(self, path: str, body: Any = None) -> httpx.Response:
         return self.http.post(BASE + path, json=body)
@@ -58,11 +58,11 @@ class Api:
         token = self.post("/tokens", body).json()["token"]
         return Api.at(str(self.http.base_url), {"Authorization": f"Bearer {token}"})
 
-    def dataset(self, **wanted: Any) -> str:
+    def dataset(self, **body: Any) -> str:
         """Create a dataset with an unused name, and return the name."""
         name = f"street-{next(_numbers)}"
-        answer = self.post("/datasets", {"name": name, **wanted})
-        assert answer.status_code == 201, answer.text
+        response = self.post("/datasets", {"name": name, **body})
+        assert response.status_code == 201, response.text
         return name
 
     def dataset_of_one_frame(
@@ -76,12 +76,12 @@ class Api:
         self.upload_frame(name, "a", *args, **more)
         return name
 
-    def dataset_of_frames(self, count: int, **wanted: Any) -> str:
+    def dataset_of_frames(self, count: int, **body: Any) -> str:
         """Create a dataset of so many frames, each with a car and a ghost.
 
         Their keys are numbers. The other arguments are those of `dataset`.
         """
-        name = self.dataset(**wanted)
+        name = self.dataset(**body)
         for number in range(count):
             self.upload_frame(
                 name, f"{number}", {**scene.annotation(), "number": number}
@@ -122,9 +122,9 @@ class Api:
 
     def upload_frame(self, dataset: str, key: str, *args: Any, **more: Any) -> Any:
         """Upload a frame, which must succeed, and return the body of the response."""
-        answer = self.put(dataset, key, *args, **more)
-        assert answer.status_code in (200, 201), answer.text
-        return answer.json()
+        response = self.put(dataset, key, *args, **more)
+        assert response.status_code in (200, 201), response.text
+        return response.json()
 
     def review(
         self, box_id: int, verdict: str, seen: int = 0, **more: Any
@@ -148,8 +148,8 @@ class Api:
 
     def remove(self, dataset: str) -> None:
         """Delete a dataset."""
-        answer = self.http.delete(f"{BASE}/datasets/{dataset}?confirm={dataset}")
-        assert (answer.status_code, answer.content) == (204, b"")
+        response = self.http.delete(f"{BASE}/datasets/{dataset}?confirm={dataset}")
+        assert (response.status_code, response.content) == (204, b"")
 
     def boxes(self, dataset: str, **filters: Any) -> list[Any]:
         items: list[Any] = self.json("/boxes", dataset=dataset, **filters)["items"]

@@ -85,8 +85,8 @@ class Connection:
         """The next line of the response, which is one HTTP chunk."""
         for text in self._answer:
             if text.startswith(b"{"):
-                found: dict[str, Any] = json.loads(text)
-                return found
+                line: dict[str, Any] = json.loads(text)
+                return line
         raise AssertionError("the answer is over")
 
     def close(self) -> None:
@@ -102,7 +102,7 @@ def send(api, dataset, content, headers=TAR, **parameters):
     return api.http.post(path, content=content, headers=headers, params=parameters)
 
 
-def batch_results(answer):
-    assert answer.status_code == 200, answer.text
-    *lines, end = lines_of(answer.text)
+def batch_results(response):
+    assert response.status_code == 200, response.text
+    *lines, end = lines_of(response.text)
     return [(line["key"], line["status"]) for line in lines], end

@@ -119,17 +119,17 @@ class _Handler(BaseHTTPRequestHandler):
         return True if turn.refusal else super().handle_expect_100()
 
     def _tell_known(self) -> None:
-        asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         if self.owner.dropped_requests:
             self.owner.dropped_requests -= 1
             self.close_connection = True
             return
-        self.owner.asked_about.append(asked["keys"])
-        known = self.owner.known
+        self.owner.asked_about.append(body["keys"])
+        digests = self.owner.known
         items = [
-            {"key": key, "frame_id": 7, "digest": known[key]}
-            for key in asked["keys"]
-            if key in known
+            {"key": key, "frame_id": 7, "digest": digests[key]}
+            for key in body["keys"]
+            if key in digests
         ]
         self._answer(200, {"items": items}, {})
 

@@ -45,9 +45,9 @@ class SmallChunks(LocalEngine):
             self.begun.append((number, frozenset(self._running)))
         return self.run_later(self._work, here, job, number)
 
-    def run_later(self, call: Callable[..., T], *given: Any) -> Future[T]:
+    def run_later(self, call: Callable[..., T], *arguments: Any) -> Future[T]:
         """Call it in one of the threads that work on chunks."""
-        return self._threads.submit(call, *given)
+        return self._threads.submit(call, *arguments)
 
     def _work(self, here, job, number):
         try:
@@ -79,7 +79,7 @@ class CrashingEngine(SmallChunks):
         try:
             with self._changing:
                 beside = self._poison & self._running
-                deadly = any(self._times[one] > 0 for one in beside)
+                deadly = any(self._times[chunk] > 0 for chunk in beside)
                 self._times[number] -= deadly
             if deadly:
                 raise WorkerDied(f"chunk {number} was there")

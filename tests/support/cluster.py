@@ -112,7 +112,7 @@ class Cluster:
 
     def node(self, words: tuple[str, ...], settings: dict[str, str]) -> Node:
         log = self.folder / f"node-{next(_numbers)}.log"
-        given = {
+        environ = {
             "PYTHONPATH": str(CHECKOUT),
             **environment_of(self.data),
             **self.settings,
@@ -120,9 +120,9 @@ class Cluster:
         }
         if self.anew:
             command = [sys.executable, "-m", *words]
-            process: Process = start_anew(command, self.data, log, given)
+            process: Process = start_anew(command, self.data, log, environ)
         else:
-            process = start(words, self.data, log, given)
+            process = start(words, self.data, log, environ)
         self._started.callback(stop, process)
         return Node(process, log)
 
@@ -143,8 +143,8 @@ def working_process(worker: Node) -> int:
     """
 
     def only_child() -> int | None:
-        found = children(worker.process.pid)
-        return found[0] if len(found) == 1 else None
+        processes = children(worker.process.pid)
+        return processes[0] if len(processes) == 1 else None
 
     return until(only_child, "no process works") or 0
 
@@ -161,10 +161,10 @@ def listening(*pids: int) -> set[tuple[str, int]]:
     lines = subprocess.run(
         ["ss", "-ltnpH"], capture_output=True, text=True, check=True
     ).stdout.splitlines()
-    found = set()
+    addresses = set()
     for line in lines:
         owners = {int(pid) for pid in re.findall(r"pid=(\d+)", line)}
         if owners & set(pids):
             host, _, port = line.split()[3].rpartition(":")
-            found.add((host, int(port)))
-    return found
+            addresses.add((host, int(port)))
+    return addresses

@@ -56,12 +56,12 @@ class CommandLine:
     @contextmanager
     def running(self, *words: object) -> Iterator[Process]:
         """Start the command; it is killed when the block ends."""
-        given = list(map(str, words))
+        arguments = list(map(str, words))
         process: Process
         if self.anew:
-            process = start_anew([*PROGRAM, *given], self.folder, self.environ)
+            process = start_anew([*PROGRAM, *arguments], self.folder, self.environ)
         else:
-            process = start([MODULE, *given], self.folder, self.environ)
+            process = start([MODULE, *arguments], self.folder, self.environ)
         with process:
             try:
                 yield process

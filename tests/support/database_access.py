@@ -98,5 +98,5 @@ def _callers() -> list[str]:
 
 def _caller() -> str:
     """The innermost module of `app` in the call stack that is not in `app.db`."""
-    found = (name for name in _callers() if name.startswith("app."))
-    return next((name for name in found if not name.startswith("app.db.")), "tests")
+    modules = (name for name in _callers() if name.startswith("app."))
+    return next((name for name in modules if not name.startswith("app.db.")), "tests")

@@ -39,7 +39,7 @@ def anchors(text: str) -> set[str]:
 
 def blocks(text: str, language: str) -> list[str]:
     """The contents of the code blocks that are marked with a language."""
-    return [code for found, code in _BLOCK.findall(text) if found == language]
+    return [code for tag, code in _BLOCK.findall(text) if tag == language]
 
 
 def names_in_rows(text: str, heading: str) -> list[list[str]]:

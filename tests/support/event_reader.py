@@ -25,11 +25,11 @@ def open_events(
     """Yield the events of a job as they arrive, until the block or the stream ends."""
     headers = {} if last is None else {"Last-Event-ID": last}
     url = f"{BASE}/{of}/{job_id}/events"
-    with api.http.stream("GET", url, headers=headers) as answer:
-        assert answer.status_code == 200, answer.read()
-        assert answer.headers["content-type"].startswith("text/event-stream")
+    with api.http.stream("GET", url, headers=headers) as response:
+        assert response.status_code == 200, response.read()
+        assert response.headers["content-type"].startswith("text/event-stream")
         # Kept in a name: the response closes when its last reader is deleted.
-        stream = parsed(answer.iter_lines())
+        stream = parsed(response.iter_lines())
         yield stream
 
 

@@ -30,7 +30,7 @@ def evidence_of(boxes, class_names=("car",)):
     pixels = column("box_pixels", 1000, np.int64)
     percent = column("match_percent", 50.0, np.float64)
     matched = np.nan_to_num(percent * pixels / 100).astype(np.int64)
-    given = [box.get("matched_pixels") for box in boxes]
+    counts = [box.get("matched_pixels") for box in boxes]
     return replace(
         absent_evidence(tuple(class_names), column("class_index", 0, np.int32)),
         state=column("state", 0, np.uint8),
@@ -38,7 +38,7 @@ def evidence_of(boxes, class_names=("car",)):
         measured=column("measured", True, np.bool_),
         box_pixels=pixels,
         matched_pixels=np.array(
-            [m if g is None else g for m, g in zip(matched, given, strict=True)],
+            [m if g is None else g for m, g in zip(matched, counts, strict=True)],
             dtype=np.int64,
         ).reshape(-1),
         image_pixels=np.full(len(boxes), 1_000_000, dtype=np.int64),

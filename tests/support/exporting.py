@@ -66,16 +66,16 @@ def black(wh):
 def frame(key, *boxes, wh=WH, annotation=None, **more):
     """A frame with a black image; `annotation` holds its keys besides the boxes."""
     image = black(wh)
-    whole = {**(annotation or {}), "boxes": [one.given for one in boxes]}
+    whole = {**(annotation or {}), "boxes": [box.given for box in boxes]}
     return ExportFrame(
         key=key,
         wh=wh,
-        boxes=columns([one.decision for one in boxes]),
+        boxes=columns([box.decision for box in boxes]),
         given=GivenAnnotation(lambda: whole, wh),
-        decisions=[one.decision for one in boxes],
+        decisions=[box.decision for box in boxes],
         **{
             "read_image": lambda: image,
-            "columns": table_columns([one.decision for one in boxes]),
+            "columns": table_columns([box.decision for box in boxes]),
             **more,
         },
     )
@@ -98,7 +98,7 @@ def sample_frames(count, boxes=10, **more):
 
 def column(decisions, name, dtype=np.float64, absent=np.nan):
     """One value of each decision, as an array."""
-    values = (one.get(name) for one in decisions)
+    values = (row.get(name) for row in decisions)
     return np.array([absent if each is None else each for each in values], dtype)
 
 
@@ -113,17 +113,17 @@ def reason_of(decision):
 
 def columns(decisions):
     """Turn decisions (dicts) into the columns that label formats are written from."""
-    names = tuple({one["class"]: None for one in decisions})
+    names = tuple({row["class"]: None for row in decisions})
 
     def rectangles(name):
         return column(decisions, name, absent=(np.nan,) * 4).reshape(-1, 4)
 
-    said = [(one.get("review") or {}).get("verdict", "none") for one in decisions]
+    said = [(row.get("review") or {}).get("verdict", "none") for row in decisions]
     return DecidedBoxes(
-        ids=[one["id"] for one in decisions],
+        ids=[row["id"] for row in decisions],
         class_names=names,
-        class_index=np.array([names.index(one["class"]) for one in decisions], int),
-        reason=np.array([reason_of(one) for one in decisions], "u1"),
+        class_index=np.array([names.index(row["class"]) for row in decisions], int),
+        reason=np.array([reason_of(row) for row in decisions], "u1"),
         answer=np.array([Answer[each.upper()] for each in said], np.uint8),
         lossy=column(decisions, "lossy", bool, absent=False),
         xyxy=rectangles("xyxy"),
@@ -142,7 +142,7 @@ def columns(decisions):
 def table_columns(decisions):
     """Turn decisions into the further columns that only tables of decisions need."""
     numbers = ("threshold", "margin", "area_percent", "crowding")
-    reviews = [one.get("review") or {} for one in decisions]
+    reviews = [row.get("review") or {} for row in decisions]
     return DecisionColumns(
         **{name: column(decisions, name) for name in numbers},
         toss_up=column(decisions, "toss_up", bool, absent=False),
@@ -150,10 +150,10 @@ def table_columns(decisions):
         matched_pixels=column(decisions, "matched_pixels", np.int64, NOT_MEASURED),
         box_pixels=column(decisions, "box_pixels", np.int64, absent=0),
         unknown_pixels=column(decisions, "unknown_pixels", np.int64, absent=0),
-        explained_by=[one.get("explained_by") for one in decisions],
-        hidden_by=[one.get("hidden_by", []) for one in decisions],
-        reviewer=[one.get("reviewer") for one in reviews],
-        comment=[one.get("comment") for one in reviews],
+        explained_by=[row.get("explained_by") for row in decisions],
+        hidden_by=[row.get("hidden_by", []) for row in decisions],
+        reviewer=[review.get("reviewer") for review in reviews],
+        comment=[review.get("comment") for review in reviews],
         config="0" * 64,
     )
 
@@ -173,12 +173,12 @@ def export(name, frames, head=HEAD, **options):
 
 def convert(name, folder, layout="auto", **options):
     """Convert a folder of labels into files of a format, with every box included."""
-    found = read_source(folder, layout)
+    source = read_source(folder, layout)
     needs = FORMATS[name].needs
-    made = list(export_sources(found, FilterConfig(), needs=needs))
-    problems = [one for one in made if isinstance(one, LeftOut)]
+    made = list(export_sources(source, FilterConfig(), needs=needs))
+    problems = [frame for frame in made if isinstance(frame, LeftOut)]
     assert not problems, problems[0].problem
-    head = ExportHead(found.classes or class_order(found))
+    head = ExportHead(source.classes or class_order(source))
     if "include" in FORMATS[name].options:
         options = {"include": "all", **options}
     return export(name, made, head, **options)
@@ -191,4 +191,4 @@ def write_exported_files(folder, files):
 
 def labels_of(files):
     """All files but manifest.json, which also says where the boxes came from."""
-    return {name: one for name, one in files.items() if name != "manifest.json"}
+    return {name: content for name, content in files.items() if name != "manifest.json"}

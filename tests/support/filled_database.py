@@ -19,40 +19,40 @@ def revisions() -> list[str]:
     """The ids of all migrations, the oldest first."""
     config = Config()
     config.set_main_option("script_location", str(migrations_dir()))
-    known = ScriptDirectory.from_config(config).walk_revisions()
-    return [script.revision for script in known][::-1]
+    scripts = ScriptDirectory.from_config(config).walk_revisions()
+    return [script.revision for script in scripts][::-1]
 
 
 def fill(engine: Engine, revision: str) -> None:
     """Insert rows into every table that exists at a revision."""
     with engine.begin() as connection:
         connection.execute(text("DELETE FROM id_blocks"))
-        for known in revisions():
-            if known <= revision and (ROWS / f"{known}.json").exists():
-                _insert(connection, _rows_of(known))
+        for migration in revisions():
+            if migration <= revision and (ROWS / f"{migration}.json").exists():
+                _insert(connection, _rows_of(migration))
 
 
 def contents(engine: Engine) -> Rows:
     """All rows of all tables, in a stable order."""
-    found: Rows = {}
+    tables: Rows = {}
     with engine.connect() as connection:
         for table in inspect(connection).get_table_names():
             if table != "alembic_version":
                 rows = connection.execute(text(f"SELECT * FROM {table}")).mappings()
-                found[table] = sorted((dict(row) for row in rows), key=repr)
+                tables[table] = sorted((dict(row) for row in rows), key=repr)
         if engine.dialect.name == "sqlite":
             rows = connection.execute(text("SELECT * FROM sqlite_sequence")).mappings()
-            found["sqlite_sequence"] = sorted((dict(row) for row in rows), key=repr)
-    return found
+            tables["sqlite_sequence"] = sorted((dict(row) for row in rows), key=repr)
+    return tables
 
 
 def restricted(rows: Rows, to: Rows) -> Rows:
     """`rows` without the tables and columns that `to` does not have."""
-    known = {row["name"] for row in to.get("sqlite_sequence", ())}
+    tables = {row["name"] for row in to.get("sqlite_sequence", ())}
     rows = dict(rows)
-    if known:
+    if tables:
         rows["sqlite_sequence"] = [
-            row for row in rows["sqlite_sequence"] if row["name"] in known
+            row for row in rows["sqlite_sequence"] if row["name"] in tables
         ]
     return {
         table: sorted(

@@ -52,8 +52,8 @@ def large(side: int) -> tuple[dict[str, object], bytes]:
     That is a small file, whose pixels need 3 bytes each when it is decoded.
     """
     camera = {"width": side, "height": side, "fov": 90}
-    found: dict[str, object] = {"carla_version": "0.9.15", "boxes": []}
-    return {**found, "camera": camera}, plain_png(side, side, color_of("Road"))
+    annotation: dict[str, object] = {"carla_version": "0.9.15", "boxes": []}
+    return {**annotation, "camera": camera}, plain_png(side, side, color_of("Road"))
 
 
 def as_json(value: object) -> bytes:

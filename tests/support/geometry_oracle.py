@@ -49,8 +49,8 @@ def vertices_of(case: Case) -> FloatArray:
     return box3d_vertices(case["actor"], *local)
 
 
-def miss(found: FloatArray | None, expected: list[float] | None) -> float:
+def miss(corners: FloatArray | None, expected: list[float] | None) -> float:
     """The largest difference in px; infinite if only one rectangle exists."""
-    if found is None or expected is None:
-        return 0.0 if found is None and expected is None else np.inf
-    return float(np.abs(found - expected).max())
+    if corners is None or expected is None:
+        return 0.0 if corners is None and expected is None else np.inf
+    return float(np.abs(corners - expected).max())

@@ -41,9 +41,9 @@ def peak(name: str, temporary: Path, count: int) -> int:
 
 def without_garbage(frames: Iterable[ExportFrame]) -> Iterator[ExportFrame]:
     """Yield the frames; garbage is collected before each of them."""
-    for one in frames:
+    for frame in frames:
         gc.collect()
-        yield one
+        yield frame
 
 
 def swallow(_file: str, pieces: Iterable[bytes]) -> None:

@@ -153,8 +153,8 @@ def start(
         socket.send_fds(
             _orders(), [json.dumps(order).encode()], [*theirs, tells.fileno()]
         )
-    for one in theirs:
-        os.close(one)
+    for descriptor in theirs:
+        os.close(descriptor)
     return Forked(words, told, os.fdopen(out), None if err is None else os.fdopen(err))
 
 
@@ -178,8 +178,8 @@ def start_anew(
 
 def children(pid: int) -> list[int]:
     """The ids of the child processes of a process."""
-    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
-    return [int(child) for child in found.split()]
+    ids = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
+    return [int(child) for child in ids.split()]
 
 
 def _early(environ: Mapping[str, str]) -> dict[str, str]:

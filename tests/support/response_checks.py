@@ -7,9 +7,9 @@ import httpx
 from unghost.wire.model import ResponseModel
 
 
-def successful_json(answer: httpx.Response) -> Any:
-    assert answer.is_success, answer.text
-    return answer.json()
+def successful_json(response: httpx.Response) -> Any:
+    assert response.is_success, response.text
+    return response.json()
 
 
 def assert_matches_model(kind: type[ResponseModel], raw: Any) -> None:

@@ -90,8 +90,8 @@ def every_route() -> Iterator[APIRoute]:
         yield from _below(router.routes)
 
 
-def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
-    for route in found:
+def _below(routes: list[BaseRoute]) -> Iterator[APIRoute]:
+    for route in routes:
         inner = getattr(route, "original_router", None)
         if isinstance(inner, APIRouter):
             yield from _below(inner.routes)
@@ -107,7 +107,7 @@ def operations(route: APIRoute) -> set[Operation]:
 
 def fill_path(path: str, values: Mapping[str, object]) -> str:
     """A path with its parameters filled in."""
-    return re.sub(r"{(.*?)}", lambda found: str(values[found[1]]), path)
+    return re.sub(r"{(.*?)}", lambda match: str(values[match[1]]), path)
 
 
 def values_of_paths(number: int) -> dict[str, object]:

@@ -23,9 +23,9 @@ def post_run(
 ) -> int:
     """Request a run that has to read pixels; returns its id."""
     body = {"config": config, "activate": activate}
-    answer = api.post(f"/datasets/{dataset}/runs", body)
-    assert answer.status_code == 202, answer.text
-    return int(answer.json()["id"])
+    response = api.post(f"/datasets/{dataset}/runs", body)
+    assert response.status_code == 202, response.text
+    return int(response.json()["id"])
 
 
 def start_run(

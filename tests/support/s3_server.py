@@ -70,8 +70,8 @@ class TestBucket:
 
     def keys(self) -> list[str]:
         """The keys of all objects in it, with the prefix, past the service."""
-        found = [one["path"] for some in self._client.list() for one in some]
-        return sorted(f"{self.prefix}/{path}" for path in found)
+        paths = [file["path"] for some in self._client.list() for file in some]
+        return sorted(f"{self.prefix}/{path}" for path in paths)
 
     def blobs(self) -> list[str]:
         """The digests of the files that the service has stored."""
@@ -254,10 +254,10 @@ class Gate:
             _end(end)
 
 
-def _end(one: socket.socket) -> None:
+def _end(connection: socket.socket) -> None:
     with suppress(OSError):
-        one.shutdown(socket.SHUT_RDWR)
-    one.close()
+        connection.shutdown(socket.SHUT_RDWR)
+    connection.close()
 
 
 @contextmanager

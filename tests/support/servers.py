@@ -30,12 +30,12 @@ def wait_until_ready(url: str) -> httpx.Response:
     """
 
     def ask() -> httpx.Response | None:
-        answer = plain_http.get(f"{url}/readyz")
-        return answer if answer.is_success else None
+        response = plain_http.get(f"{url}/readyz")
+        return response if response.is_success else None
 
-    answer = until(ask, lambda: plain_http.get(f"{url}/readyz").text)
-    assert answer is not None
-    return answer
+    response = until(ask, lambda: plain_http.get(f"{url}/readyz").text)
+    assert response is not None
+    return response
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ class Services:
         By default it is decided by tags, as in the paper.
         """
         name = name or f"street-{next(_numbers)}"
-        wanted = datasets.NewDataset(
+        new = datasets.NewDataset(
             DatasetReading(name, **reading),
             "",
             None,
@@ -120,7 +120,7 @@ class Services:
             self.author,
         )
         with self.context.database.write() as session:
-            dataset = datasets.create_dataset(session, wanted)
+            dataset = datasets.create_dataset(session, new)
             return ServiceDataset(self, name, dataset.id)
 
 
@@ -161,18 +161,18 @@ class ServiceDataset:
     def review(self, box_id: int, verdict: str, *, at: datetime | None = None) -> None:
         """Answer a box; `at` is the time of the answer, if it is not now."""
         seen = self.revisions([box_id]).get(box_id, 0)
-        given = ReviewIn.model_validate({"verdict": verdict, "seen_revision": seen})
+        answer = ReviewIn.model_validate({"verdict": verdict, "seen_revision": seen})
         with self.context.database.write() as session:
             audit = AuditTrail(session, self.by)
-            review_box(audit, box_id, given, self.by, most=1_000)
+            review_box(audit, box_id, answer, self.by, most=1_000)
             if at is not None:
-                answer = update(Review).where(Review.box_id == box_id)
-                session.execute(answer.values(created_at=at))
+                change = update(Review).where(Review.box_id == box_id)
+                session.execute(change.values(created_at=at))
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
         """Give one answer on several boxes as they are now; the batch's id."""
         seen = self.revisions(box_ids)
-        given = BulkIn.model_validate(
+        answer = BulkIn.model_validate(
             {
                 "dataset": self.name,
                 "verdict": verdict,
@@ -182,14 +182,14 @@ class ServiceDataset:
         )
         with self.context.database.write() as session:
             audit = AuditTrail(session, self.by)
-            return review_many(self.context, audit, given, self.by).id
+            return review_many(self.context, audit, answer, self.by).id
 
     def revisions(self, box_ids: Sequence[int]) -> dict[int, int]:
         """The revision of each of these boxes that has a current decision."""
         rows = select(Decision.box_id, Decision.revision)
         with self.context.database.read() as session:
-            found = session.execute(rows.where(Decision.box_id.in_(box_ids)))
-            return {row[0]: row[1] for row in found}
+            revisions = session.execute(rows.where(Decision.box_id.in_(box_ids)))
+            return {row[0]: row[1] for row in revisions}
 
     def undo(self, batch_id: int) -> None:
         with self.context.database.write() as session:
@@ -207,14 +207,14 @@ class ServiceDataset:
         """Queue a run that is not carried out yet; its id."""
         with self.context.database.write() as session:
             dataset = self.row(session)
-            wanted = RunRequest(
+            request = RunRequest(
                 load_config(config).after(active_config(session, dataset)),
                 self.services.author,
                 activate,
                 DatasetReading(self.name, **reading) if reading else None,
                 measure_again=measure_again,
             )
-            return request_run(self.idle_context, session, dataset, wanted).id
+            return request_run(self.idle_context, session, dataset, request).id
 
     def run(
         self, config: Mapping[str, Any], *, activate: bool = True, **more: Any
@@ -253,14 +253,14 @@ class ServiceDataset:
         writer, cancelling has to wait for that transaction.
         """
         job, engine = run_job(run_id), self.context.engine
-        answers = []
+        states = []
 
         def told() -> str:
             with self.context.database.write() as session:
                 return cancel(self.context, session, RUNS, run_id).state
 
         def interrupt() -> None:
-            answers.append(pool.submit(told))
+            states.append(pool.submit(told))
             until(lambda: job in engine.interrupted())
 
         with (
@@ -268,12 +268,12 @@ class ServiceDataset:
             interrupted_at(self.context.database.engine, FLIPS, interrupt),
         ):
             drive_job(self.context, job)
-        return str(answers[0].result(10))
+        return str(states[0].result(10))
 
     def history(self, box_id: int) -> list[dict[str, Any]]:
         with self.context.database.read() as session:
             entries, _ = history(session, box_id, limit=1_000)
-            return [one.model_dump(exclude_unset=True) for one in entries]
+            return [entry.model_dump(exclude_unset=True) for entry in entries]
 
     def active_config(self) -> dict[str, Any]:
         with self.context.database.read() as session:
@@ -281,14 +281,14 @@ class ServiceDataset:
 
     def preview(self, config: Mapping[str, Any]) -> dict[str, Any]:
         with self.context.database.read() as session:
-            found = preview(
+            counts = preview(
                 self.context,
                 session,
                 self.row(session),
                 load_config(config).after(active_config(session, self.row(session))),
                 PreviewLimits(flips=1000, bins=10),
             )
-        return found.model_dump()
+        return counts.model_dump()
 
     def row(self, session) -> Dataset:
         return DatasetRepository(session).named(self.name)
@@ -315,8 +315,8 @@ class ServiceDataset:
         columns = (Decision.class_id, Decision.reason, Decision.toss_up, Decision.doubt)
         rows = select(*columns, review)
         with self.context.database.read() as session:
-            found = session.execute(rows.where(Decision.dataset_id == self.id))
+            tallies = session.execute(rows.where(Decision.dataset_id == self.id))
             return Counter(
                 TallyKey(row[0], row[1], row[2], min(row[3], Bin.ASK), row[4])
-                for row in found
+                for row in tallies
             )

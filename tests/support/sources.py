@@ -31,7 +31,7 @@ class Source:
 @lru_cache
 def sources(folders: tuple[str, ...], *suffixes: str) -> tuple[Source, ...]:
     """Every file with one of the suffixes below the folders, in a stable order."""
-    found = [
+    paths = [
         path
         for folder in folders
         for path in sorted((CHECKOUT / folder).rglob("*"))
@@ -41,7 +41,7 @@ def sources(folders: tuple[str, ...], *suffixes: str) -> tuple[Source, ...]:
     ]
     return tuple(
         Source(path.relative_to(CHECKOUT).as_posix(), path.read_text("utf-8"))
-        for path in found
+        for path in paths
     )
 
 

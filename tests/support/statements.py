@@ -13,15 +13,15 @@ Statement = tuple[str, Any]
 @contextmanager
 def statements_of(engine: Engine | Connection) -> Iterator[list[Statement]]:
     """Collect the statements that any thread runs until the block ends."""
-    found: list[Statement] = []
+    statements: list[Statement] = []
 
     def note(_connection, _cursor, statement, parameters, *_rest):
-        one = parameters[0] if isinstance(parameters, list) else parameters
-        found.append((statement, one))
+        row = parameters[0] if isinstance(parameters, list) else parameters
+        statements.append((statement, row))
 
     event.listen(engine, "before_cursor_execute", note)
     try:
-        yield found
+        yield statements
     finally:
         event.remove(engine, "before_cursor_execute", note)
 

@@ -46,11 +46,11 @@ class Call:
 
 def require_strace() -> str:
     """The path of strace; skips the test without it, but fails in CI."""
-    found = shutil.which("strace")
-    if found is None and os.environ.get("CI") != "true":
+    strace = shutil.which("strace")
+    if strace is None and os.environ.get("CI") != "true":
         pytest.skip("strace is not installed: `make test` installs it with apt")
-    assert found is not None, "continuous testing needs strace"
-    return found
+    assert strace is not None, "continuous testing needs strace"
+    return strace
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def calls_of(trace: Path) -> list[Call]:
     strace writes a call that overlaps with others as two lines; the second ends it.
     """
     begun: dict[str, str] = {}
-    found = []
+    calls = []
     for line in trace.read_text("utf-8", "replace").splitlines():
         if half := _UNFINISHED.match(line):
             begun[half["pid"]] = half["begun"]
@@ -92,5 +92,5 @@ def calls_of(trace: Path) -> list[Call]:
             line = f"{rest['pid']} {begun.pop(rest['pid'], '')}{rest['rest']}"
         call = _CALL.match(line)
         if call and int(call["result"]) >= 0:
-            found.append(Call(call["name"], call["words"]))
-    return found
+            calls.append(Call(call["name"], call["words"]))
+    return calls

@@ -52,9 +52,9 @@ FOR_CLUSTERS = "distributed"
 def import_everything() -> None:
     """Import everything that a process of the tests may need."""
     for package in map(importlib.import_module, PACKAGES):
-        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-            if not found.name.endswith(".__main__"):
-                importlib.import_module(found.name)
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not module.name.endswith(".__main__"):
+                importlib.import_module(module.name)
     for name in IMPORTED_LATE:
         importlib.import_module(name)
     share_memory()
@@ -83,16 +83,16 @@ def next_fork(orders: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
                     waiting.unregister(key.fd)
                     tell_the_end(key.fd, *running.pop(key.fd))
                     continue
-                order, given = next_order(orders)
+                order, descriptors = next_order(orders)
                 if order is None:
                     kill(pid for pid, _ in running.values())
                     return None
-                teller = socket.socket(fileno=given.pop())
+                teller = socket.socket(fileno=descriptors.pop())
                 pid = os.fork()
                 if pid == 0:
                     close(teller, orders, running)
-                    return order, given
-                for stream in given:
+                    return order, descriptors
+                for stream in descriptors:
                     os.close(stream)
                 teller.send(str(pid).encode())
                 ends = os.pidfd_open(pid)
@@ -102,9 +102,9 @@ def next_fork(orders: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
 
 def next_order(orders: socket.socket) -> tuple[dict[str, Any] | None, list[int]]:
     """Read an order, and the file descriptors that come with it; None at the end."""
-    text, given, _, _ = socket.recv_fds(orders, LONGEST_ORDER, STREAMS + 1)
+    text, descriptors, _, _ = socket.recv_fds(orders, LONGEST_ORDER, STREAMS + 1)
     if not text:
-        return None, given
+        return None, descriptors
     order = json.loads(text)
     is_for_clusters = (
         "UNGHOST_ENGINE" in order["environ"] or "scheduler" in order["words"]
@@ -112,7 +112,7 @@ def next_order(orders: socket.socket) -> tuple[dict[str, Any] | None, list[int]]
     if is_for_clusters and FOR_CLUSTERS not in sys.modules:
         importlib.import_module(FOR_CLUSTERS)
         share_memory()
-    return order, given
+    return order, descriptors
 
 
 def close(
@@ -159,7 +159,7 @@ def become(order: dict[str, Any], streams: list[int]) -> None:
 
 def folders_given() -> list[str]:
     """The folders that PYTHONPATH names."""
-    return [one for one in os.environ.get("PYTHONPATH", "").split(os.pathsep) if one]
+    return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
 
 
 def prepare_forkserver() -> None:
@@ -180,28 +180,28 @@ def start_program(
     if not prepared or FORKSERVER not in command[-1]:
         return start_as_given(path, command, descriptors)
     pid, teller = prepared.pop()
-    wanted = {
+    wish = {
         "program": command[-1],
         "descriptors": [*descriptors],
         "environ": {**os.environ},
     }
     with teller:
-        socket.send_fds(teller, [json.dumps(wanted).encode()], [*descriptors])
+        socket.send_fds(teller, [json.dumps(wish).encode()], [*descriptors])
     return pid
 
 
 def wait_to_be_forkserver(wishes: socket.socket) -> None:
     """Run the program that is sent, with its descriptors; or end without one."""
     try:
-        text, given, _, _ = socket.recv_fds(wishes, LONGEST_COMMAND, STREAMS)
+        text, descriptors, _, _ = socket.recv_fds(wishes, LONGEST_COMMAND, STREAMS)
         if text:
-            wanted = json.loads(text)
+            wish = json.loads(text)
             wishes.close()
-            place(given, wanted["descriptors"])
+            place(descriptors, wish["descriptors"])
             os.environ.clear()
-            os.environ.update(wanted["environ"])
+            os.environ.update(wish["environ"])
             sys.modules["__main__"] = ModuleType("__main__")
-            exec(wanted["program"], vars(sys.modules["__main__"]))
+            exec(wish["program"], vars(sys.modules["__main__"]))
     except SystemExit:
         pass  # how a forkserver ends
     except BaseException:
@@ -211,15 +211,15 @@ def wait_to_be_forkserver(wishes: socket.socket) -> None:
     os._exit(0)
 
 
-def place(given: Sequence[int], numbers: Sequence[int]) -> None:
+def place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
     """Give file descriptors the numbers that they had in another process."""
-    free = max(*given, *numbers) + 1
-    moved = [fcntl.fcntl(one, fcntl.F_DUPFD, free) for one in given]
-    for one in given:
-        os.close(one)
-    for one, number in zip(moved, numbers, strict=True):
-        os.dup2(one, number, inheritable=False)
-        os.close(one)
+    free = max(*descriptors, *numbers) + 1
+    moved = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, free) for descriptor in descriptors]
+    for descriptor in descriptors:
+        os.close(descriptor)
+    for descriptor, number in zip(moved, numbers, strict=True):
+        os.dup2(descriptor, number, inheritable=False)
+        os.close(descriptor)
 
 
 def run(words: list[str]) -> None:
@@ -250,7 +250,7 @@ if __name__ == "__main__":
     # Replaced before the service is imported, which keeps this function.
     start_as_given = multiprocessing.util.spawnv_passfds
     vars(multiprocessing.util)["spawnv_passfds"] = start_program
-    folders_of_python = [one for one in sys.path[1:] if one not in folders_given()]
+    folders_of_python = [path for path in sys.path[1:] if path not in folders_given()]
     # Registered before all imports, so that it runs after what they register.
     atexit.register(leave)
     # Ctrl-C is meant for the tests, which end this program when they stop.

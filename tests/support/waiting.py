@@ -27,9 +27,9 @@ def until(
     waited, or after `every_s`: soon where the state may not last.
     """
     begun = time.monotonic()
-    while not (found := holds()):
+    while not (value := holds()):
         waited = time.monotonic() - begun
         assert waited < PATIENCE_S, what() if callable(what) else what
         growing = min(max(LOOK_EVERY_S, SHARE * waited), LONGEST_PAUSE_S)
         time.sleep(growing if every_s is None else every_s)
-    return found
+    return value

@@ -29,9 +29,9 @@ def operations(schema):
 
 def log_in(service, client):
     """Log in; return the header that shows the new session."""
-    answer = client.post("/api/v1/session", json={"token": service.token})
-    assert answer.status_code == 201, answer.text
-    return {"Authorization": f"Bearer {answer.json()['session']}"}
+    response = client.post("/api/v1/session", json={"token": service.token})
+    assert response.status_code == 201, response.text
+    return {"Authorization": f"Bearer {response.json()['session']}"}
 
 
 def own_origin(service):
@@ -66,16 +66,16 @@ def test_openapi_document_marks_the_open_routes(admin):
 def test_error_says_whether_a_wrong_token_or_none_was_sent(anonymous, header, detail):
     headers = {} if header is None else {"Authorization": header}
 
-    answer = anonymous.get("/version", headers=headers)
+    response = anonymous.get("/version", headers=headers)
 
-    assert (answer.status_code, answer.json()["detail"]) == (401, detail)
+    assert (response.status_code, response.json()["detail"]) == (401, detail)
 
 
 def test_wrong_token_at_login_is_not_called_missing(anonymous):
-    answer = anonymous.post("/api/v1/session", json={"token": "ug_x"})
+    response = anonymous.post("/api/v1/session", json={"token": "ug_x"})
 
-    assert answer.status_code == 401
-    assert answer.json()["detail"] == WRONG_TOKEN
+    assert response.status_code == 401
+    assert response.json()["detail"] == WRONG_TOKEN
 
 
 def test_token_is_in_its_private_file_alone(service):
@@ -109,18 +109,18 @@ def test_deleting_the_token_file_changes_token_and_ends_sessions(serve):
 
 
 def test_login_sets_no_cookie_and_its_response_is_not_cached(service, anonymous):
-    answer = anonymous.post("/api/v1/session", json={"token": service.token})
+    response = anonymous.post("/api/v1/session", json={"token": service.token})
 
-    assert "set-cookie" not in answer.headers
-    assert answer.headers["cache-control"] == "no-store"
-    assert answer.json() == {
-        "session": answer.json()["session"],
+    assert "set-cookie" not in response.headers
+    assert response.headers["cache-control"] == "no-store"
+    assert response.json() == {
+        "session": response.json()["session"],
         "name": "admin",
         "role": "admin",
-        "expires_at": answer.json()["expires_at"],
+        "expires_at": response.json()["expires_at"],
     }
-    assert answer.json()["session"].startswith("us_")
-    assert service.token not in answer.text
+    assert response.json()["session"].startswith("us_")
+    assert service.token not in response.text
 
 
 def test_login_with_idempotency_key_stores_no_session_secret(service, anonymous):
@@ -134,7 +134,9 @@ def test_login_with_idempotency_key_stores_no_session_secret(service, anonymous)
     }
 
     assert len(sessions) == 2
-    assert all(one not in everything_in(service.settings.data) for one in sessions)
+    assert all(
+        session not in everything_in(service.settings.data) for session in sessions
+    )
 
 
 def test_token_and_session_stay_valid_after_a_restart(serve):
@@ -153,9 +155,9 @@ def test_session_opens_no_other_session(service, anonymous):
     session = log_in(service, anonymous)
     secret = session["Authorization"].removeprefix("Bearer ")
 
-    answer = anonymous.post("/api/v1/session", json={"token": secret})
+    response = anonymous.post("/api/v1/session", json={"token": secret})
 
-    assert answer.status_code == 401
+    assert response.status_code == 401
 
 
 @pytest.mark.parametrize(
@@ -177,9 +179,9 @@ def test_session_write_from_another_origin_is_forbidden(service, anonymous, head
     """
     session = log_in(service, anonymous)
 
-    answer = anonymous.post("/probe/echo", headers={**session, **headers})
+    response = anonymous.post("/probe/echo", headers={**session, **headers})
 
-    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+    assert (response.status_code, response.json()["code"]) == (403, "forbidden")
 
 
 def test_session_write_from_its_own_origin_is_allowed(service, anonymous):
@@ -195,11 +197,11 @@ def test_session_write_from_its_own_origin_is_allowed(service, anonymous):
 
 
 def test_login_from_another_origin_is_forbidden(service, anonymous):
-    answer = anonymous.post(
+    response = anonymous.post(
         "/api/v1/session",
         json={"token": service.token},
         headers={"Origin": "http://evil.example"},
     )
 
-    assert answer.status_code == 403
-    assert "session" not in answer.json()
+    assert response.status_code == 403
+    assert "session" not in response.json()

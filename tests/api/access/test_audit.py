@@ -15,22 +15,22 @@ AUDIT = "/api/v1/audit"
 
 def entries(client, subject):
     """The entries of the audit log about one subject, oldest first."""
-    found = client.get(AUDIT, params={"limit": 1000}).json()["items"]
-    return [one for one in reversed(found) if one["subject"] == subject]
+    items = client.get(AUDIT, params={"limit": 1000}).json()["items"]
+    return [entry for entry in reversed(items) if entry["subject"] == subject]
 
 
 def actions(client, subject):
-    return [one["action"] for one in entries(client, subject)]
+    return [entry["action"] for entry in entries(client, subject)]
 
 
 def create_token(client, name, role="admin"):
-    answer = client.post(TOKENS, json={"name": name, "role": role})
-    assert answer.status_code == 201
-    return answer.json()
+    response = client.post(TOKENS, json={"name": name, "role": role})
+    assert response.status_code == 201
+    return response.json()
 
 
-def client_with_token(service, given):
-    return service.client(Authorization=f"Bearer {given['token']}")
+def client_with_token(service, token):
+    return service.client(Authorization=f"Bearer {token['token']}")
 
 
 def test_first_token_is_logged_as_created_by_the_service(admin):
@@ -47,21 +47,21 @@ def test_logins_of_one_token_are_limited_in_the_log_and_others_are_not(
 ):
     """A viewer could fill the disk with entries, which nothing deletes."""
 
-    def log_in(given):
-        with client_with_token(service, given) as client:
+    def log_in(token):
+        with client_with_token(service, token) as client:
             if action == "login_code.created":
                 return client.post("/api/v1/login-codes").status_code
-            sent = {"token": given["token"]}
+            sent = {"token": token["token"]}
             session = client.post("/api/v1/session", json=sent).json()["session"]
             ended = client.delete(
                 "/api/v1/session", headers={"Authorization": f"Bearer {session}"}
             )
             return ended.status_code
 
-    def noted(given):
-        found = admin.get(AUDIT, params={"limit": 1000}).json()["items"]
-        of_token = [one for one in found if one["token_id"] == given["id"]]
-        return sum(one["action"] == action for one in of_token)
+    def noted(token):
+        items = admin.get(AUDIT, params={"limit": 1000}).json()["items"]
+        of_token = [entry for entry in items if entry["token_id"] == token["id"]]
+        return sum(entry["action"] == action for entry in of_token)
 
     busy, calm = (create_token(admin, f"{who}-{action}") for who in ("busy", "calm"))
     statuses = {log_in(busy) for _ in range(MOST_AN_HOUR + 5)}
@@ -72,14 +72,14 @@ def test_logins_of_one_token_are_limited_in_the_log_and_others_are_not(
 
 
 def test_audit_entries_of_a_revoked_token_are_kept(service, admin):
-    given = create_token(admin, "grace")
-    with client_with_token(service, given) as grace:
+    token = create_token(admin, "grace")
+    with client_with_token(service, token) as grace:
         assert grace.post(DATASETS, json={"name": "graces"}).status_code == 201
     for _ in range(2):
-        assert admin.delete(f"{TOKENS}/{given['id']}").status_code == 204
+        assert admin.delete(f"{TOKENS}/{token['id']}").status_code == 204
 
     (made,) = entries(admin, "graces")
-    assert (made["actor"], made["token_id"]) == ("grace", given["id"])
+    assert (made["actor"], made["token_id"]) == ("grace", token["id"])
     assert actions(admin, "grace") == ["token.created", "token.revoked"]
 
 
@@ -121,15 +121,15 @@ def test_cancelled_jobs_are_audited_with_their_dataset(admin, busy):
     run = admin.post(f"{DATASETS}/stopped/runs", json={"config": digest})
 
     for job in (export, run):
-        answer = admin.post(f"{job.headers['location']}/cancel")
-        assert answer.status_code == 202
+        response = admin.post(f"{job.headers['location']}/cancel")
+        assert response.status_code == 202
 
-    found = admin.get(AUDIT, params={"limit": 2}).json()["items"]
-    assert [(one["action"], one["subject"]) for one in found] == [
+    items = admin.get(AUDIT, params={"limit": 2}).json()["items"]
+    assert [(entry["action"], entry["subject"]) for entry in items] == [
         ("run.cancelled", str(run.json()["id"])),
         ("export.cancelled", str(export.json()["id"])),
     ]
-    assert {one["details"]["dataset"] for one in found} == {"stopped"}
+    assert {entry["details"]["dataset"] for entry in items} == {"stopped"}
 
 
 def test_refused_request_has_no_audit_entry(admin):
@@ -142,7 +142,7 @@ def test_refused_request_has_no_audit_entry(admin):
         admin.post(TOKENS, json={"name": "admin"}),
     ]
 
-    assert {answer.status_code for answer in refused} == {400, 404, 409}
+    assert {response.status_code for response in refused} == {400, 404, 409}
     assert actions(admin, "kept") == ["dataset.created"]
 
 
@@ -153,7 +153,7 @@ def test_audit_pagination_lists_entries_newest_first(admin):
     first = admin.get(AUDIT, params={"limit": 2})
     second = admin.get(first.headers["link"].partition(">")[0].lstrip("<"))
 
-    ids = [one["id"] for page in (first, second) for one in page.json()["items"]]
+    ids = [entry["id"] for page in (first, second) for entry in page.json()["items"]]
     assert len(ids) == 4
     assert ids == sorted(ids, reverse=True)
 

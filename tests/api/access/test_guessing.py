@@ -56,7 +56,7 @@ def test_valid_credentials_are_accepted_after_many_wrong_ones(service):
         shown = by_header(client, service.token)
         session = by_header(client, by_link.json()["session"])
 
-    assert {answer.status_code for answer in wrong} == {401}
+    assert {response.status_code for response in wrong} == {401}
     assert (by_link.status_code, by_token.status_code) == (201, 201)
     assert (shown.status_code, session.status_code) == (200, 200)
 

@@ -15,9 +15,9 @@ from tests.support.databases import everything_in
 
 def log_in(service, client, **body):
     """Log in with this body or the token; return the header of the new session."""
-    answer = client.post("/api/v1/session", json=body or {"token": service.token})
-    assert answer.status_code == 201, answer.text
-    return {"Authorization": f"Bearer {answer.json()['session']}"}
+    response = client.post("/api/v1/session", json=body or {"token": service.token})
+    assert response.status_code == 201, response.text
+    return {"Authorization": f"Bearer {response.json()['session']}"}
 
 
 def change_code(service, code, **to):
@@ -57,9 +57,9 @@ def test_login_code_used_concurrently_opens_one_session(service, admin):
         return plain_http.post(f"{service.url}/api/v1/session", json={"code": code})
 
     with ThreadPoolExecutor(8) as people:
-        answers = list(people.map(use, range(8)))
+        responses = list(people.map(use, range(8)))
 
-    assert sorted(one.status_code for one in answers) == [201, *[401] * 7]
+    assert sorted(response.status_code for response in responses) == [201, *[401] * 7]
 
 
 def test_login_code_expires_after_ten_minutes(service, admin, anonymous):
@@ -70,9 +70,9 @@ def test_login_code_expires_after_ten_minutes(service, admin, anonymous):
 
     change_code(service, made["code"], expires_at=now)
 
-    answer = anonymous.post("/api/v1/session", json={"code": made["code"]})
-    assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
-    assert "`unghost login` prints a new one" in answer.json()["detail"]
+    response = anonymous.post("/api/v1/session", json={"code": made["code"]})
+    assert (response.status_code, response.json()["code"]) == (401, "code_over")
+    assert "`unghost login` prints a new one" in response.json()["detail"]
 
 
 def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous):
@@ -82,34 +82,34 @@ def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous
 
     admin.delete(f"/api/v1/tokens/{token['id']}")
 
-    answer = anonymous.post("/api/v1/session", json={"code": code})
-    assert answer.status_code == 401
+    response = anonymous.post("/api/v1/session", json={"code": code})
+    assert response.status_code == 401
 
 
 def test_session_makes_no_login_code(service, anonymous):
     """It would open another session, which the end of the first one does not end."""
     session = log_in(service, anonymous)
 
-    answer = anonymous.post("/api/v1/login-codes", headers=session)
+    response = anonymous.post("/api/v1/login-codes", headers=session)
 
-    assert answer.status_code == 403
-    assert "a login code needs the token itself" in answer.json()["detail"]
+    assert response.status_code == 403
+    assert "a login code needs the token itself" in response.json()["detail"]
 
 
 def test_login_code_of_another_token_returns_404(admin, as_role):
     made = admin.post("/api/v1/login-codes").json()
 
-    answer = as_role("admin").get(f"/api/v1/login-codes/{made['id']}")
+    response = as_role("admin").get(f"/api/v1/login-codes/{made['id']}")
 
-    assert answer.status_code == 404
+    assert response.status_code == 404
 
 
 @pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
 def test_login_with_neither_or_both_of_token_and_code_is_refused(anonymous, body):
-    answer = anonymous.post("/api/v1/session", json=body)
+    response = anonymous.post("/api/v1/session", json=body)
 
-    assert answer.status_code == 422
-    assert "expected either token or code" in answer.json()["detail"]
+    assert response.status_code == 422
+    assert "expected either token or code" in response.json()["detail"]
 
 
 def test_login_codes_and_logins_are_audited(service, admin, anonymous):
@@ -119,8 +119,8 @@ def test_login_codes_and_logins_are_audited(service, admin, anonymous):
 
     entries = admin.get("/api/v1/audit").json()["items"][:3]
 
-    found = [(one["actor"], one["action"], one["details"]) for one in entries]
-    assert found == [
+    acts = [(entry["actor"], entry["action"], entry["details"]) for entry in entries]
+    assert acts == [
         ("admin", "session.opened", {"by": "token"}),
         ("admin", "session.opened", {"by": "code"}),
         ("admin", "login_code.created", {}),
@@ -152,8 +152,8 @@ def test_oldest_login_codes_of_a_token_are_deleted_over_the_limit(
 
     assert count_rows(service, LoginCode, token["id"]) == MOST_CODES
     for made in codes[:2]:
-        answer = anonymous.post("/api/v1/session", json={"code": made["code"]})
-        assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
+        response = anonymous.post("/api/v1/session", json={"code": made["code"]})
+        assert (response.status_code, response.json()["code"]) == (401, "code_over")
         assert busy.get(f"/api/v1/login-codes/{made['id']}").status_code == 404
     for code in (codes[2]["code"], codes[-1]["code"], others):
         log_in(service, anonymous, code=code)
@@ -171,6 +171,9 @@ def test_oldest_sessions_of_a_token_are_deleted_over_the_limit(
     ]
 
     assert count_rows(service, LoginSession, token["id"]) == MOST_SESSIONS
-    answers = [anonymous.get("/api/v1/session", headers=one) for one in sessions]
-    assert [one.status_code for one in answers] == [401] * 2 + [200] * MOST_SESSIONS
+    statuses = [
+        anonymous.get("/api/v1/session", headers=session).status_code
+        for session in sessions
+    ]
+    assert statuses == [401] * 2 + [200] * MOST_SESSIONS
     assert anonymous.get("/api/v1/session", headers=others).status_code == 200

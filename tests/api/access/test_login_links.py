@@ -75,24 +75,24 @@ def first_line(process):
 
 def process_arguments_and_environments():
     """Arguments and environment of every process, as far as they can be read."""
-    found = b""
+    content = b""
     for process in Path("/proc").glob("[0-9]*"):
         for name in ("cmdline", "environ"):
             try:
-                found += (process / name).read_bytes()
+                content += (process / name).read_bytes()
             except OSError:  # the process has ended meanwhile
                 continue
-    return found
+    return content
 
 
 def test_login_prints_a_link_that_works_once(machine):
     server, unghost = machine
 
-    answer = unghost("login")
+    result = unghost("login")
 
-    url, _, code = answer.out.strip().partition("/#code=")
-    assert (answer.code, url) == (DONE, server.url)
-    assert server.token not in answer.out
+    url, _, code = result.out.strip().partition("/#code=")
+    assert (result.code, url) == (DONE, server.url)
+    assert server.token not in result.out
     session = f"{url}/api/v1/session"
     opened = [
         plain_http.post(session, json={"code": code}).status_code for _ in range(2)
@@ -105,13 +105,13 @@ def test_login_finds_the_one_server_that_runs_on_this_machine(machine):
     state = unghost.settings["XDG_STATE_HOME"]
     unnamed = CommandLine(unghost.folder, {"XDG_STATE_HOME": state})
 
-    answer = unnamed("login")
+    result = unnamed("login")
     other = unnamed(
         "dataset", "list", "--server", "http://127.0.0.1:1", "--retry-for", 0
     )
 
-    assert (answer.code, answer.out.partition("/#code=")[0]) == (DONE, server.url)
-    assert f"the server at {server.url} (--server: another)" in answer.err
+    assert (result.code, result.out.partition("/#code=")[0]) == (DONE, server.url)
+    assert f"the server at {server.url} (--server: another)" in result.err
     assert f"On this machine runs {server.url}." in other.err
 
 
@@ -134,16 +134,16 @@ def test_login_without_a_token_fails_with_a_message(machine, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
 
-    answer = CommandLine(elsewhere, {"UNGHOST_SERVER": server.url})("login")
+    result = CommandLine(elsewhere, {"UNGHOST_SERVER": server.url})("login")
 
-    assert (answer.code, answer.out) == (REFUSED, "")
-    assert "token" in answer.err
+    assert (result.code, result.out) == (REFUSED, "")
+    assert "token" in result.err
 
 
 def logins_by_code(server_url, token):
     with Client(server_url, token) as admin:
-        found = [(one.action, one.details) for one in admin.audit()]
-    return found.count(("session.opened", {"by": "code"}))
+        acts = [(entry.action, entry.details) for entry in admin.audit()]
+    return acts.count(("session.opened", {"by": "code"}))
 
 
 def test_serve_open_leaks_no_secret_to_processes_and_leaves_no_file(tmp_path, browser):
@@ -209,11 +209,11 @@ def test_login_open_starts_the_browser_and_exits_once_link_is_used(machine, brow
     settings = {**unghost.settings, "BROWSER": str(browser)}
     before = logins_by_code(server.url, server.token)
 
-    answer = CommandLine(unghost.folder, settings)("login", "--open")
+    result = CommandLine(unghost.folder, settings)("login", "--open")
 
     notes = browser.parent
     page = Path((notes / "address").read_text().strip().removeprefix("file://"))
-    assert (answer.code, answer.out) == (DONE, "")
+    assert (result.code, result.out) == (DONE, "")
     assert "#code=uc_" in (notes / "page").read_text()
     assert stat.S_IMODE((notes / "page").stat().st_mode) == 0o600
     assert not page.exists()

@@ -22,7 +22,7 @@ from unghost.wire.words import Role
 # An id that no token has: an admin must not revoke the token that the test uses.
 MISSING_ID = "1000000000"
 NEEDING_A_ROLE = {
-    one: role for one, role in REQUIRED_ROLES.items() if role is not NO_ROLE
+    route: role for route, role in REQUIRED_ROLES.items() if role is not NO_ROLE
 }
 UNAUTHORISED = {401}
 REFUSALS = {401, 403, 429}
@@ -46,10 +46,10 @@ def statuses_of(client, values, operations=NEEDING_A_ROLE):
 
 def test_every_route_has_a_declared_role():
     """A new route must be added to `REQUIRED_ROLES`, with the role that it needs."""
-    found = {one for route in every_route() for one in operations(route)}
+    served = {operation for route in every_route() for operation in operations(route)}
 
-    assert found - REQUIRED_ROLES.keys() == set()
-    assert REQUIRED_ROLES.keys() - found == set()
+    assert served - REQUIRED_ROLES.keys() == set()
+    assert REQUIRED_ROLES.keys() - served == set()
 
 
 def test_every_route_names_its_role_in_its_signature():
@@ -62,7 +62,7 @@ def test_every_route_names_its_role_in_its_signature():
             # Only the page takes any query: its views keep their filters there.
             assert isinstance(route, OpenRoute if is_open else ApiRoute) or path == "/"
 
-    assert declared == {one: REQUIRED_ROLES[one] for one in declared}
+    assert declared == {route: REQUIRED_ROLES[route] for route in declared}
 
 
 @pytest.mark.parametrize("role", get_args(Role))
@@ -74,12 +74,12 @@ def test_role_is_allowed_its_routes_and_forbidden_all_others(as_role, role):
 
     statuses = statuses_of(client, nowhere)
 
-    refused = {one for one, status in statuses.items() if status in REFUSALS}
+    refused = {route for route, status in statuses.items() if status in REFUSALS}
     barred = {
-        one for one, needed in NEEDING_A_ROLE.items() if not includes(role, needed)
+        route for route, needed in NEEDING_A_ROLE.items() if not includes(role, needed)
     }
     assert refused == barred
-    assert {statuses[one] for one in refused} <= {403}
+    assert {statuses[route] for route in refused} <= {403}
 
 
 @pytest.mark.parametrize("role", ["viewer", "reviewer"])
@@ -88,7 +88,7 @@ def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
 ):
     """The paths lead to a real dataset, which a refused request must not change."""
     barred = {
-        one for one, needed in NEEDING_A_ROLE.items() if not includes(role, needed)
+        route for route, needed in NEEDING_A_ROLE.items() if not includes(role, needed)
     }
     with service.admin() as admin:
         before = admin.get("/api/v1/datasets/street").json()
@@ -101,12 +101,12 @@ def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
 
 
 def test_a_viewer_may_read_datasets_of_others(as_role, path_values):
-    reading = {one for one, role in NEEDING_A_ROLE.items() if role == "viewer"}
-    gets = {one for one in reading if one[0] == "GET"}
+    reading = {route for route, role in NEEDING_A_ROLE.items() if role == "viewer"}
+    gets = {route for route in reading if route[0] == "GET"}
 
     statuses = statuses_of(as_role("viewer"), path_values, gets)
 
-    assert {one for one, status in statuses.items() if status in REFUSALS} == set()
+    assert {route for route, status in statuses.items() if status in REFUSALS} == set()
     assert statuses["GET", "/api/v1/boxes/{box_id}"] == 200
     assert statuses["GET", "/api/v1/frames/{frame_id}/{kind}"] == 200
 
@@ -199,6 +199,6 @@ def test_session_expires_with_its_token(service, admin):
             row = session.get(Token, token["id"])
             row.expires_at = datetime.now(timezone.utc) - timedelta(seconds=1)
 
-        answer = browser.get("/version")
+        response = browser.get("/version")
 
-    assert (answer.status_code, answer.json()["code"]) == (401, "token_expired")
+    assert (response.status_code, response.json()["code"]) == (401, "token_expired")

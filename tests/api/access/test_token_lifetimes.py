@@ -18,9 +18,9 @@ def now():
 
 
 def create(client, name, **body):
-    answer = client.post(TOKENS, json={"name": name, **body})
-    assert answer.status_code == 201, answer.text
-    return answer.json()
+    response = client.post(TOKENS, json={"name": name, **body})
+    assert response.status_code == 201, response.text
+    return response.json()
 
 
 def parse_time(text):
@@ -58,19 +58,19 @@ def test_token_lasts_until_it_is_revoked_or_as_requested(admin, body, days):
 
 @pytest.mark.parametrize("days", [0, 36_501, "a week"])
 def test_invalid_expires_in_days_is_refused(admin, days):
-    answer = admin.post(TOKENS, json={"name": "odd", "expires_in_days": days})
+    response = admin.post(TOKENS, json={"name": "odd", "expires_in_days": days})
 
-    assert answer.status_code == 422
-    assert answer.json()["errors"][0]["pointer"] == "/expires_in_days"
+    assert response.status_code == 422
+    assert response.json()["errors"][0]["pointer"] == "/expires_in_days"
 
 
 def test_both_expires_at_and_expires_in_days_are_refused(admin):
     ends = {"expires_at": (now() + DAY).isoformat(), "expires_in_days": 7}
 
-    answer = admin.post(TOKENS, json={"name": "twice", **ends})
+    response = admin.post(TOKENS, json={"name": "twice", **ends})
 
-    assert answer.status_code == 422
-    assert "expected either expires_at or expires_in_days" in answer.json()["detail"]
+    assert response.status_code == 422
+    assert "expected either expires_at or expires_in_days" in response.json()["detail"]
 
 
 def test_last_use_of_a_token_is_written_by_upkeep_not_by_requests(service, admin):

@@ -10,25 +10,25 @@ def create(client, name, **more):
 
 
 def test_new_token_authenticates_as_its_name(service, admin):
-    answer = create(admin, "ada", role="reviewer")
+    response = create(admin, "ada", role="reviewer")
 
-    token = answer.json()["token"]
+    token = response.json()["token"]
     with service.client(Authorization=f"Bearer {token}") as client:
         assert client.post("/probe/echo").status_code == 200
         assert "'ada' has reviewer" in client.post("/probe/admin-only").text
-    assert answer.status_code == 201
-    assert answer.headers["cache-control"] == "no-store"
+    assert response.status_code == 201
+    assert response.headers["cache-control"] == "no-store"
 
 
 def test_a_token_is_shown_once(admin):
-    token = create(admin, "once").json()["token"]
+    secret = create(admin, "once").json()["token"]
 
     listed = admin.get("/api/v1/tokens")
 
-    assert token not in listed.text
-    found = next(one for one in listed.json()["items"] if one["name"] == "once")
-    assert found["role"] == "reviewer"
-    assert set(found) == {
+    assert secret not in listed.text
+    token = next(token for token in listed.json()["items"] if token["name"] == "once")
+    assert token["role"] == "reviewer"
+    assert set(token) == {
         *("id", "name", "role", "created_at", "expires_at", "revoked_at"),
         "last_used_at",
     }
@@ -48,17 +48,17 @@ def test_token_created_with_idempotency_key_is_not_stored_in_plain(service, admi
 
 
 def test_revoked_token_and_its_sessions_are_unauthorised_at_once(service, admin):
-    given = create(admin, "eve").json()
+    token = create(admin, "eve").json()
     with service.client() as browser:
-        opened = browser.post("/api/v1/session", json={"token": given["token"]}).json()
+        opened = browser.post("/api/v1/session", json={"token": token["token"]}).json()
         browser.headers["Authorization"] = f"Bearer {opened['session']}"
         before = browser.get("/version").status_code
 
-        answer = admin.delete(f"/api/v1/tokens/{given['id']}")
+        response = admin.delete(f"/api/v1/tokens/{token['id']}")
 
-        assert (before, answer.status_code) == (200, 204)
+        assert (before, response.status_code) == (200, 204)
         assert browser.get("/version").status_code == 401
-    with service.client(Authorization=f"Bearer {given['token']}") as client:
+    with service.client(Authorization=f"Bearer {token['token']}") as client:
         assert client.get("/version").status_code == 401
 
 
@@ -106,7 +106,9 @@ def test_token_list_is_paginated(serve):
         link = first.headers["link"].partition(">")[0].lstrip("<")
         second = client.get(link)
 
-    names = [one["name"] for page in (first, second) for one in page.json()["items"]]
+    names = [
+        token["name"] for page in (first, second) for token in page.json()["items"]
+    ]
     assert names == ["admin", "a", "b", "c"]
     assert second.json()["next_cursor"] is None
 

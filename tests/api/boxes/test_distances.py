@@ -54,7 +54,7 @@ def test_distance_range_is_stored_returned_and_compared_with_limits(api):
     assert boxes["far"]["explanation"] == (
         "rejected: it is 100 to 150 m away, at most 100 m are allowed"
     )
-    for wanted, expected in (
+    for filters, expected in (
         ({"distance_min": 100}, {"far"}),
         ({"distance_max": 150}, {"far", "known"}),
         ({"distance_min": 101}, set()),
@@ -62,7 +62,7 @@ def test_distance_range_is_stored_returned_and_compared_with_limits(api):
         # Counted in the columns in memory, not by the database.
         ({"distance_min": 100, "count": True}, {"far"}),
     ):
-        page = api.json("/boxes", dataset=dataset, **wanted)
+        page = api.json("/boxes", dataset=dataset, **filters)
         assert {box["id"] for box in page["items"]} == expected
         assert page.get("total", len(expected)) == len(expected)
 

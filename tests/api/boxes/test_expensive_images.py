@@ -42,9 +42,9 @@ def serving(serve, **settings):
         yield service, Api(client)
 
 
-def decoded(answer):
-    assert answer.status_code == 200, answer.text
-    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+def decoded(response):
+    assert response.status_code == 200, response.text
+    return cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_COLOR)
 
 
 def put_large(api, name, key, side=6000):
@@ -63,10 +63,10 @@ def test_frame_over_pixel_time_or_memory_limit_is_refused(serve, settings, named
     with serving(serve, **settings) as (_, api):
         name = api.dataset()
 
-        answer = put_large(api, name, "large")
+        response = put_large(api, name, "large")
 
-        assert answer.status_code == 422, answer.text
-        problem = answer.json()
+        assert response.status_code == 422, response.text
+        problem = response.json()
         assert problem["code"] == "pixels_refused"
         assert "frame large" in problem["detail"]
         assert named in problem["detail"]
@@ -104,19 +104,19 @@ def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
                 senders.submit(put_large, api, name, f"large/{number}", 2000)
                 for number in range(16)
             ]
-            until(lambda: any(one.done() for one in sent))
+            until(lambda: any(request.done() for request in sent))
 
             api.json("/datasets")
             answered = api.post(f"/boxes/{box['box_id']}/reviews", review)
             ready = api.http.get("/readyz")
-            waiting = sum(not one.done() for one in sent)
+            waiting = sum(not request.done() for request in sent)
 
             assert answered.status_code == 201, answered.text
             # All these threads may have let the event loop be late.
             faults = [fault["code"] for fault in ready.json().get("errors", ())]
             assert ready.is_success or faults == ["event_loop"], ready.text
             assert waiting > 0
-        assert {one.result().status_code for one in sent} == {201}
+        assert {request.result().status_code for request in sent} == {201}
 
 
 @pytest.mark.parametrize("size", [(2, 9000), (9000, 2), (1, 1), (1, 9000)])
@@ -200,14 +200,14 @@ def test_overlay_refused_for_memory_is_not_retried(serve):
         stored = api.upload_frame(api.dataset(), "a", camera, image=large)
         path = f"/frames/{stored['frame']['id']}/overlay"
 
-        answers = [api.get(path) for _ in range(5)]
+        responses = [api.get(path) for _ in range(5)]
 
-        assert {one.json()["code"] for one in answers} == {"pixels_refused"}
+        assert {response.json()["code"] for response in responses} == {"pixels_refused"}
         ended = 'unghost_pixel_processes_ended_total{reason="memory"}'
         lines = api.http.get("/metrics").text.splitlines()
         counts = [line for line in lines if line.startswith(ended)]
         before, again = counts, [api.get(path) for _ in range(3)]
-        assert {one.status_code for one in again} == {422}
+        assert {response.status_code for response in again} == {422}
         after = api.http.get("/metrics").text.splitlines()
         assert [line for line in after if line.startswith(ended)] == before
 
@@ -219,11 +219,11 @@ def slow_drawings(service, api, path, count):
     greedy = service.client(Authorization=f"Bearer {made['token']}")
     stopping = service.app.state.services.engine.stopping
     with greedy, ThreadPoolExecutor(count) as viewers:
-        asked = [viewers.submit(greedy.get, path) for _ in range(count)]
+        requests = [viewers.submit(greedy.get, path) for _ in range(count)]
         try:
             drawings = service.app.state.services.one(Admission).drawings
             until(lambda: drawings.borrowed_tokens)
-            yield asked
+            yield requests
         finally:
             stopping.set()  # ends the drawings, so that the test need not wait
 
@@ -242,11 +242,11 @@ def test_concurrent_drawings_of_one_token_do_not_block_others(serve):
         name = api.dataset()
         small = api.upload_frame(name, "small")["frame"]["id"]
         path = put_slow_frame(api, name)
-        with slow_drawings(service, api, path, 6) as asked:
+        with slow_drawings(service, api, path, 6) as requests:
             thumbnail = api.get(f"/frames/{small}/thumbnail")
             stored = api.put(name, "another")
             overlay = api.get(f"/frames/{small}/overlay")
-            drawn = [one for one in asked if one.done()]
+            drawn = [request for request in requests if request.done()]
 
     assert (thumbnail.status_code, overlay.status_code) == (200, 200)
     assert stored.status_code == 201, stored.text
@@ -256,11 +256,11 @@ def test_concurrent_drawings_of_one_token_do_not_block_others(serve):
 def test_shutdown_cancels_drawings_with_503(serve):
     with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
         path = put_slow_frame(api, api.dataset())
-        with slow_drawings(service, api, path, 3) as asked:
+        with slow_drawings(service, api, path, 3) as requests:
             pass
         late = api.http.get(path)
-        answers = [one.result() for one in asked]
+        responses = [request.result() for request in requests]
 
-    assert {one.status_code for one in (*answers, late)} == {503}
-    assert {one.json()["code"] for one in (*answers, late)} == {"not_ready"}
+    assert {response.status_code for response in (*responses, late)} == {503}
+    assert {response.json()["code"] for response in (*responses, late)} == {"not_ready"}
     assert "the service is stopping" in late.json()["detail"]

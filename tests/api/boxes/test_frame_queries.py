@@ -16,14 +16,14 @@ def test_replaced_frame_is_returned_without_querying_evidence(service, own_api):
     boxes[4] = {"class": "car", "xyxy": scene.IN_THE_SKY}
     annotation = {**scene.annotation(), "boxes": boxes}
 
-    with statements_of(service.app.state.database.engine) as found:
-        answer = own_api.upload_frame(name, "a", annotation, replace=True)
+    with statements_of(service.app.state.database.engine) as statements:
+        response = own_api.upload_frame(name, "a", annotation, replace=True)
 
-    assert [text for text, _ in found if "FROM evidence" in text] == []
-    frame = own_api.json(f"/frames/{answer['frame']['id']}")
-    assert answer["decisions"] == frame["boxes"]
-    assert answer["decisions"][3]["review"]["comment"] == "seen"
-    assert answer["frame"]["counts"] == frame["counts"]
+    assert [text for text, _ in statements if "FROM evidence" in text] == []
+    frame = own_api.json(f"/frames/{response['frame']['id']}")
+    assert response["decisions"] == frame["boxes"]
+    assert response["decisions"][3]["review"]["comment"] == "seen"
+    assert response["frame"]["counts"] == frame["counts"]
     assert frame["counts"]["reviewed"] == 1
 
 
@@ -31,10 +31,10 @@ def test_frame_is_read_with_one_query_per_table(service, own_api):
     name, _ = own_api.dataset_of_cars(BOXES)
     frame = own_api.json(f"/datasets/{name}/frames")["items"][0]["id"]
 
-    with statements_of(service.app.state.database.engine) as found:
+    with statements_of(service.app.state.database.engine) as statements:
         own_api.json(f"/frames/{frame}")
 
-    asked = [
-        text for text, _ in found if re.search("FROM (evidence|frame_files)", text)
+    queries = [
+        text for text, _ in statements if re.search("FROM (evidence|frame_files)", text)
     ]
-    assert len(asked) == len(set(asked)) == 2
+    assert len(queries) == len(set(queries)) == 2

@@ -28,37 +28,37 @@ def path(stored):
     return f"{BASE}/frames/{stored['frame']['id']}/segmentation"
 
 
-def decoded(answer):
-    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+def decoded(response):
+    return cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_COLOR)
 
 
 def test_file_is_returned_with_immutable_cache_headers(api, stored, path):
-    answer = api.http.get(path)
+    response = api.http.get(path)
 
     sha256 = stored["frame"]["files"]["segmentation"]["sha256"]
     names = ("etag", "content-type", "cache-control", "content-security-policy")
-    assert answer.content == CONTENT
-    assert [answer.headers[name] for name in names] == [
+    assert response.content == CONTENT
+    assert [response.headers[name] for name in names] == [
         f'"{sha256}"',
         "image/png",
         "private, max-age=31536000, immutable",
         "default-src 'none'; sandbox",
     ]
-    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert response.headers["x-content-type-options"] == "nosniff"
 
 
 @pytest.mark.parametrize("form", ["{}", "W/{}", '"other", {}', "*"])
 def test_if_none_match_of_a_file_returns_304(api, path, form):
     etag = api.http.get(path).headers["etag"]
 
-    answer = api.http.get(path, headers={"If-None-Match": form.format(etag)})
+    response = api.http.get(path, headers={"If-None-Match": form.format(etag)})
 
-    assert (answer.status_code, answer.content) == (304, b"")
-    assert answer.headers["etag"] == etag
+    assert (response.status_code, response.content) == (304, b"")
+    assert response.headers["etag"] == etag
 
 
 @pytest.mark.parametrize(
-    ("wanted", "status", "part"),
+    ("byte_range", "status", "part"),
     [
         ("bytes=0-3", 206, CONTENT[:4]),
         ("bytes=-5", 206, CONTENT[-5:]),
@@ -76,17 +76,17 @@ def test_if_none_match_of_a_file_returns_304(api, path, form):
     ],
 )
 def test_single_byte_range_is_served_and_invalid_range_ignored(
-    api, path, wanted, status, part
+    api, path, byte_range, status, part
 ):
     """Superscript digits and numbers of five thousand digits used to give a 500."""
-    answer = api.http.get(path, headers=[(b"Range", wanted.encode("latin-1"))])
+    response = api.http.get(path, headers=[(b"Range", byte_range.encode("latin-1"))])
 
-    assert answer.status_code == status
+    assert response.status_code == status
     if part is None:
-        assert answer.headers["content-range"] == f"bytes */{SIZE}"
-        assert answer.json()["code"] == "range_not_satisfiable"
+        assert response.headers["content-range"] == f"bytes */{SIZE}"
+        assert response.json()["code"] == "range_not_satisfiable"
     else:
-        assert answer.content == part
+        assert response.content == part
 
 
 def test_range_with_another_if_range_etag_returns_the_complete_file(api, path):
@@ -98,20 +98,20 @@ def test_range_with_another_if_range_etag_returns_the_complete_file(api, path):
 def test_missing_file_of_a_frame_returns_404(api, stored):
     frame = stored["frame"]["id"]
 
-    answers = [api.get(f"/frames/{frame}/{kind}") for kind in ("depth", "lidar")]
+    responses = [api.get(f"/frames/{frame}/{kind}") for kind in ("depth", "lidar")]
 
-    assert [answer.status_code for answer in answers] == [404, 404]
-    assert answers[0].json()["detail"] == f"frame {frame} has no file 'depth'"
+    assert [response.status_code for response in responses] == [404, 404]
+    assert responses[0].json()["detail"] == f"frame {frame} has no file 'depth'"
 
 
 def test_segmentation_overlay_without_boxes_has_exact_palette_colours(api, stored):
     frame = stored["frame"]["id"]
 
-    answer = api.get(f"/frames/{frame}/overlay", layer="segmentation", boxes="")
+    response = api.get(f"/frames/{frame}/overlay", layer="segmentation", boxes="")
 
     painted = FAMILIES[scene.FAMILY].paint(scene.tags())
-    assert answer.headers["content-type"] == "image/png"
-    np.testing.assert_array_equal(decoded(answer)[..., ::-1], painted)
+    assert response.headers["content-type"] == "image/png"
+    np.testing.assert_array_equal(decoded(response)[..., ::-1], painted)
 
 
 def test_segmentation_of_a_changed_carla_is_measured_and_painted_by_its_names(api):
@@ -153,10 +153,10 @@ def test_boxes_are_drawn_by_their_effective_verdict(api):
 def test_thumbnail_is_small_and_returns_304_for_its_etag(api, stored):
     url = f"{BASE}/frames/{stored['frame']['id']}/thumbnail"
 
-    answer = api.http.get(url)
-    again = api.http.get(url, headers={"If-None-Match": answer.headers["etag"]})
+    response = api.http.get(url)
+    again = api.http.get(url, headers={"If-None-Match": response.headers["etag"]})
 
-    assert decoded(answer).shape == (scene.HEIGHT, scene.WIDTH, 3)
+    assert decoded(response).shape == (scene.HEIGHT, scene.WIDTH, 3)
     assert again.status_code == 304
 
 
@@ -165,14 +165,14 @@ def test_picture_with_a_version_in_its_address_is_drawn_once_and_kept(
 ):
     box = stored["decisions"][0]["box_id"]
 
-    asked = [api.get(f"/boxes/{box}/crop", height=48, v=word) for word in ("", "1")]
+    responses = [api.get(f"/boxes/{box}/crop", height=48, v=word) for word in ("", "1")]
 
-    assert [answer.headers["cache-control"] for answer in asked] == [
+    assert [response.headers["cache-control"] for response in responses] == [
         *("private, no-cache", "private, max-age=31536000, immutable")
     ]
-    tag = asked[0].headers["etag"].strip('"')
+    tag = responses[0].headers["etag"].strip('"')
     kept = server.data / PICTURES / tag[:2] / tag
-    assert kept.read_bytes() == asked[0].content == asked[1].content
+    assert kept.read_bytes() == responses[0].content == responses[1].content
 
 
 def test_oldest_pictures_make_room_for_others(tmp_path):
@@ -191,9 +191,9 @@ def test_oldest_pictures_make_room_for_others(tmp_path):
 def test_crop_of_each_layer_has_the_requested_height(api, stored, layer):
     box = stored["decisions"][0]["box_id"]
 
-    answer = api.get(f"/boxes/{box}/crop", layer=layer, pad=0, height=32)
+    response = api.get(f"/boxes/{box}/crop", layer=layer, pad=0, height=32)
 
-    assert decoded(answer).shape == (32, 40, 3)
+    assert decoded(response).shape == (32, 40, 3)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_crop_of_a_box_outside_is_404_and_without_image_is_grey(api):
         {**scene.annotation(), "boxes": boxes},
         segmentation=scene.segmentation(),
     )
-    outside, inside = (one["box_id"] for one in stored["decisions"])
+    outside, inside = (box["box_id"] for box in stored["decisions"])
 
     nowhere = api.get(f"/boxes/{outside}/crop")
     assert nowhere.status_code == 404

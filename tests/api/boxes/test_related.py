@@ -10,9 +10,9 @@ from tests.support.api import BASE, BY_TAGS
 
 
 def get(api, path):
-    answer = api.http.get(f"{BASE}{path}")
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+    response = api.http.get(f"{BASE}{path}")
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
 def box(name, xyxy=scene.IN_THE_SKY, **more):
@@ -29,14 +29,14 @@ def test_boxes_alike_share_class_reason_and_band_and_have_no_answer(api):
         {**box("truck", distance=10), "class": "truck"},
     ]
     dataset = api.dataset_of_one_frame(scene.annotation_of(*boxes), config=BY_TAGS)
-    ids = {one["id"]: one["box_id"] for one in api.boxes(dataset)}
+    ids = {box["id"]: box["box_id"] for box in api.boxes(dataset)}
     api.post(
         f"/boxes/{ids['answered']}/reviews", {"verdict": "reject", "seen_revision": 0}
     )
 
     alike = get(api, f"/boxes/{ids['asked']}/alike")
 
-    assert [one["id"] for one in alike["items"]] == ["same"]
+    assert [box["id"] for box in alike["items"]] == ["same"]
     assert (alike["total"], alike["probable"]) == (1, 1)
 
 
@@ -48,11 +48,11 @@ def test_boxes_alike_with_other_numbers_come_after_those_probably_the_same(api):
         box("most", [x0, y0 - 1, x1, y1]),
     ]
     dataset = api.dataset_of_one_frame(scene.annotation_of(*boxes), config=BY_TAGS)
-    ids = {one["id"]: one["box_id"] for one in api.boxes(dataset)}
+    ids = {box["id"]: box["box_id"] for box in api.boxes(dataset)}
 
     alike = get(api, f"/boxes/{ids['asked']}/alike")
 
-    assert [one["id"] for one in alike["items"]] == ["most", "half"]
+    assert [box["id"] for box in alike["items"]] == ["most", "half"]
     assert (alike["total"], alike["probable"]) == (2, 1)
 
 
@@ -77,8 +77,8 @@ def test_track_has_the_object_in_five_frames_each_way_of_its_recording(api, driv
     track = get(api, f"/boxes/{frame['boxes'][0]['box_id']}/track")
 
     # Frame 4 does not have it, frame 7 has another object, and "sun" is another drive.
-    found = [(one["offset"], one["frame"]) for one in track["items"]]
-    assert found == [(number - 6, f"run/{number:03}") for number in (1, 2, 3, 5, 6)]
+    places = [(box["offset"], box["frame"]) for box in track["items"]]
+    assert places == [(number - 6, f"run/{number:03}") for number in (1, 2, 3, 5, 6)]
 
 
 @pytest.fixture(scope="module")
@@ -87,35 +87,37 @@ def measured(api):
     dataset = api.dataset()
     files = {**sensors.sensors(), "image": sensors.files()["segmentation"]}
     api.upload_frame(dataset, "a", annotation=sensors.ANNOTATION, **files)
-    return {one["id"]: one["box_id"] for one in api.boxes(dataset)}
+    return {box["id"]: box["box_id"] for box in api.boxes(dataset)}
 
 
 def test_slice_has_the_boxes_interval_and_the_depths_of_its_pixels(api, measured):
-    found = get(api, f"/boxes/{measured['218']}/slice")
+    profile = get(api, f"/boxes/{measured['218']}/slice")
 
-    assert (found["near"], found["far"]) == (sensors.FAR - 2, sensors.FAR + 2)
-    assert found["median"] == pytest.approx(sensors.NEAR - 2, abs=0.1)
-    assert sum(band["percent"] for band in found["bands"]) == pytest.approx(100, abs=1)
-    assert all(band["near"] < band["far"] for band in found["bands"])
+    assert (profile["near"], profile["far"]) == (sensors.FAR - 2, sensors.FAR + 2)
+    assert profile["median"] == pytest.approx(sensors.NEAR - 2, abs=0.1)
+    assert sum(band["percent"] for band in profile["bands"]) == pytest.approx(
+        100, abs=1
+    )
+    assert all(band["near"] < band["far"] for band in profile["bands"])
 
 
 def test_slice_without_a_depth_image_is_not_found(api):
     dataset = api.dataset_of_one_frame(scene.annotation_of(box("a")))
     (only,) = api.boxes(dataset)
 
-    answer = api.http.get(f"{BASE}/boxes/{only['box_id']}/slice")
+    response = api.http.get(f"{BASE}/boxes/{only['box_id']}/slice")
 
-    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+    assert (response.status_code, response.json()["code"]) == (404, "not_found")
 
 
 @pytest.mark.parametrize("layer", ["depth", "instances"])
 def test_crop_shows_the_layer_and_at_least_so_much_of_the_frame(api, measured, layer):
     path = f"{BASE}/boxes/{measured['218']}/crop?pad=0&least=60&height=60"
 
-    answer = api.http.get(f"{path}&layer={layer}")
+    response = api.http.get(f"{path}&layer={layer}")
 
-    assert answer.status_code == 200, answer.text
-    content = np.frombuffer(answer.content, np.uint8)
+    assert response.status_code == 200, response.text
+    content = np.frombuffer(response.content, np.uint8)
     picture = np.asarray(cv2.imdecode(content, cv2.IMREAD_COLOR))
     assert picture.shape == (60, 60, 3)
     corner, middle = picture[2, 2].astype(int), picture[30, 30].astype(int)

@@ -34,9 +34,9 @@ def boxes(own_api: Api) -> Api:
 def table(api: Api, **query: Any) -> Any:
     response = api.http.get("/api/v1/boxes/table", params={"dataset": NAME, **query})
     assert response.status_code == 200, response.text
-    found = response.json()
-    assert all(len(one) == found["rows"] for one in found["columns"].values())
-    return found
+    table = response.json()
+    assert all(len(column) == table["rows"] for column in table["columns"].values())
+    return table
 
 
 def listed(api: Api, **query: Any) -> Any:

@@ -71,25 +71,25 @@ def write_config(folder: Path, text: str) -> Path:
 
 
 def test_push_creates_the_dataset_and_prints_counts(unghost, name, tmp_path):
-    answer = unghost("push", frames_in(tmp_path, 3), "--dataset", name)
+    result = unghost("push", frames_in(tmp_path, 3), "--dataset", name)
 
-    assert answer.code == DONE
-    assert answer.out == (
+    assert result.code == DONE
+    assert result.out == (
         "3 stored\t0 already_there\t0 refused\t3 kept\t3 rejected\t0 unmeasured\n"
     )
-    assert "3 of 3 frames" in answer.err
+    assert "3 of 3 frames" in result.err
 
 
 def test_push_with_an_invalid_frame_exits_with_3_and_lists_it(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 4, bad=frozenset({2}))
 
-    answer = unghost("push", folder, "--dataset", name)
+    result = unghost("push", folder, "--dataset", name)
 
-    assert answer.code == PARTLY
-    assert "3 stored" in answer.out
-    assert 'refused: run/000002: box 0 (id "x"), xyxy[2]: expected' in answer.err
-    assert answer.err.count('"wide"') == 1
-    assert "Traceback" not in answer.err
+    assert result.code == PARTLY
+    assert "3 stored" in result.out
+    assert 'refused: run/000002: box 0 (id "x"), xyxy[2]: expected' in result.err
+    assert result.err.count('"wide"') == 1
+    assert "Traceback" not in result.err
 
 
 def test_push_of_only_invalid_frames_exits_with_1(unghost, name, tmp_path):
@@ -149,8 +149,8 @@ def test_push_and_export_name_a_class_that_is_not_known(unghost, name, tmp_path)
 
     stopped = unghost(*push)
     stored = unghost("stats", name)
-    answers = [unghost(*push, "--allow-unmapped") for _ in range(2)]
-    answers.append(unghost("export", name, "--format", "kitti", "-o", tmp_path / "e"))
+    results = [unghost(*push, "--allow-unmapped") for _ in range(2)]
+    results.append(unghost("export", name, "--format", "kitti", "-o", tmp_path / "e"))
 
     assert (stopped.code, stored.code) == (REFUSED, REFUSED)
     assert "nothing was written" in stopped.err
@@ -159,8 +159,8 @@ def test_push_and_export_name_a_class_that_is_not_known(unghost, name, tmp_path)
         f"know their class: caar (4; `unghost classes merge {name} caar car`); "
         "`classes: {NAME: CLASS}`"
     )
-    for answer in answers:
-        assert (answer.code, expected in answer.err) == (PARTLY, True), answer.err
+    for result in results:
+        assert (result.code, expected in result.err) == (PARTLY, True), result.err
     assert unghost("classes", "merge", name, "caar", "car").code == DONE
     assert unghost(*push).code == DONE
 
@@ -184,13 +184,13 @@ def test_export_names_boxes_of_a_class_that_only_one_of_two_versions_knows(
             )
         counts = client.stats(name)
 
-    answer = unghost("export", name, "--format", "kitti", "-o", tmp_path / "e")
+    result = unghost("export", name, "--format", "kitti", "-o", tmp_path / "e")
 
     assert counts.by_class["train"].kept == 1
     assert counts.reasons_by_class == {"train": {"unmapped_class": 1, "visible": 1}}
-    assert answer.code == PARTLY
-    assert "1 box is unmeasured" in answer.err
-    assert "since the filter does not know its class: train (1)" in answer.err
+    assert result.code == PARTLY
+    assert "1 box is unmeasured" in result.err
+    assert "since the filter does not know its class: train (1)" in result.err
 
 
 def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp_path):
@@ -199,9 +199,9 @@ def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp
 
     first, again = unghost(*push), unghost(*push)
 
-    for answer in (first, again):
-        assert answer.code == DONE
-        assert "no frame has a box (1 read, layout pairs, which expects" in answer.err
+    for result in (first, again):
+        assert result.code == DONE
+        assert "no frame has a box (1 read, layout pairs, which expects" in result.err
 
 
 def test_push_refuses_changed_frames_and_replaces_with_replace_option(
@@ -290,7 +290,7 @@ def test_push_names_the_family_of_tags_that_the_recording_shows(
     ]
 
     told = "tags of carla-0.9.10: told by 1 of the 3 segmentations"
-    assert all(told in answer.err for answer in (local, *pushed))
+    assert all(told in result.err for result in (local, *pushed))
     with Client(server.url, server.token) as client:
         for more in ("", "-empty"):
             dataset = client.dataset(f"{name}{more}")
@@ -343,14 +343,14 @@ def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
 
 
 def test_unavailable_server_exits_with_69(cli_without_server):
-    answer = cli_without_server("stats", "town", "--retry-for", 0)
+    result = cli_without_server("stats", "town", "--retry-for", 0)
 
-    assert answer.code == UNAVAILABLE
-    assert "unghost: no response from http://127.0.0.1:" in answer.err
-    assert answer.err.count("no response from") == 1
-    assert "from UNGHOST_SERVER; --server URL or" in answer.err
-    assert "Traceback" not in answer.err
-    assert answer.out == ""
+    assert result.code == UNAVAILABLE
+    assert "unghost: no response from http://127.0.0.1:" in result.err
+    assert result.err.count("no response from") == 1
+    assert "from UNGHOST_SERVER; --server URL or" in result.err
+    assert "Traceback" not in result.err
+    assert result.out == ""
 
 
 def test_datasets_command_prints_tab_separated_lines_or_json(
@@ -388,7 +388,7 @@ def test_push_gives_a_new_dataset_what_its_folder_was_read_with(
         "companions": {".": 1},
     }
     lines = unghost("dataset", "list").out.splitlines()
-    line = next(one for one in lines if f"{name}\t" in one)
+    line = next(line for line in lines if f"{name}\t" in line)
     assert line.endswith("\tdescribed")
 
 
@@ -396,13 +396,13 @@ def test_report_is_one_file_with_counts_exports_and_pictures(unghost, pushed_dat
     unghost(
         "export", pushed_dataset, "--format", "yolo", "--name", "v1", "-o", "v1.zip"
     )
-    answer = unghost("report", pushed_dataset, "-o", "report.html", "--json")
+    result = unghost("report", pushed_dataset, "-o", "report.html", "--json")
 
-    assert answer.code == DONE
+    assert result.code == DONE
     page = (unghost.folder / "report.html").read_text("utf-8")
     stats = unghost("stats", pushed_dataset, "--json").records[0]
     assert "<td>v1</td><td>yolo</td>" in page
-    assert answer.records == [{"output": "report.html", "boxes": stats["boxes"]}]
+    assert result.records == [{"output": "report.html", "boxes": stats["boxes"]}]
     assert f"{stats['boxes']:,} boxes" in page
     assert all(f"<td>{name}</td>" in page for name in stats["by_class"])
     assert "data:image/webp;base64," in page
@@ -437,11 +437,11 @@ def test_push_to_a_name_that_differs_in_case_names_the_dataset(
     with Client(server.url, server.token) as client:
         client.create_dataset(name.upper())
 
-    answer = unghost("push", frames_in(tmp_path, 1), "--dataset", name)
+    result = unghost("push", frames_in(tmp_path, 1), "--dataset", name)
 
-    assert answer.code == REFUSED
+    assert result.code == REFUSED
     said = f"--dataset {name}: a dataset {name.upper()!r} exists already"
-    assert said in answer.err
+    assert said in result.err
 
 
 def test_gates_of_push_and_stats_end_with_4_and_name_the_figure(
@@ -453,9 +453,9 @@ def test_gates_of_push_and_stats_end_with_4_and_name_the_figure(
     counted = unghost("stats", name, *gates, "--json")
 
     assert (pushed.code, counted.code) == (GATE, GATE)
-    for answer in (pushed, counted):
-        assert "gate failed: rejected > 5%, it is 50.00% (2 of 4 boxes)" in answer.err
-        assert "gate passed: refused > 0, it is 0" in answer.err
+    for result in (pushed, counted):
+        assert "gate failed: rejected > 5%, it is 50.00% (2 of 4 boxes)" in result.err
+        assert "gate passed: refused > 0, it is 0" in result.err
     assert counted.records[0]["boxes"] == 4
 
 
@@ -504,10 +504,10 @@ def test_config_show_tells_settings_of_the_dataset_that_are_used_instead(
 def test_run_wait_returns_when_the_run_is_done(unghost, unchanged_dataset, tmp_path):
     file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
-    answer = unghost("run", unchanged_dataset, "--config", file, "--wait", "--json")
+    result = unghost("run", unchanged_dataset, "--config", file, "--wait", "--json")
 
-    assert answer.code == DONE
-    assert answer.records[0]["state"] == "done"
+    assert result.code == DONE
+    assert result.records[0]["state"] == "done"
     (stats,) = unghost("stats", unchanged_dataset, "--json").records
     assert stats["rejected"] == 3
 
@@ -524,22 +524,22 @@ def test_first_export_says_that_it_freezes_the_classes_even_of_an_empty_dataset(
 
         assert client.dataset(name).classes_frozen
     said = f"the classes of {name} are frozen from now on"
-    has_said = [said in answer.err for answer in (of_names, first, second)]
+    has_said = [said in result.err for result in (of_names, first, second)]
     assert has_said == [False, True, False]
     assert "freezes" in unghost("export", "--help").out
 
 
 def test_labels_are_exported_to_a_file(unghost, unchanged_dataset, tmp_path):
-    answer = unghost(
+    result = unghost(
         "export", unchanged_dataset, "--format", "yolo", "-o", tmp_path / "out.zip"
     )
 
-    assert answer.code == DONE
-    assert answer.out == f"{tmp_path / 'out.zip'}\n"
+    assert result.code == DONE
+    assert result.out == f"{tmp_path / 'out.zip'}\n"
     (stats,) = unghost("stats", unchanged_dataset, "--json").records
     written = f"{stats['kept']} of {stats['boxes']} boxes written, "
     assert (
-        f"{written}{stats['boxes'] - stats['kept']} left out; reasons: " in answer.err
+        f"{written}{stats['boxes'] - stats['kept']} left out; reasons: " in result.err
     )
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
@@ -574,7 +574,7 @@ def test_export_of_one_table_is_one_file_unless_a_zip_is_named(
 def test_export_option_refused_by_the_server_is_named(
     server, unchanged_dataset, option, words
 ):
-    answer = CliRunner().invoke(
+    result = CliRunner().invoke(
         app,
         [
             *("export", unchanged_dataset, "--format", "yolo", "-o", "x.zip"),
@@ -582,25 +582,25 @@ def test_export_option_refused_by_the_server_is_named(
         ],
     )
 
-    assert answer.exit_code == USAGE
-    assert words in answer.output
+    assert result.exit_code == USAGE
+    assert words in result.output
 
 
 def test_refused_name_of_a_dataset_names_the_option(unghost, tmp_path):
-    answer = unghost("push", frames_in(tmp_path, 1), "--dataset", "Town 10")
+    result = unghost("push", frames_in(tmp_path, 1), "--dataset", "Town 10")
 
-    assert answer.code == USAGE
-    assert "--dataset: expected 1 to 100 of a-z" in answer.err
-    assert answer.err.rstrip().endswith(", found 'Town 10'")
+    assert result.code == USAGE
+    assert "--dataset: expected 1 to 100 of a-z" in result.err
+    assert result.err.rstrip().endswith(", found 'Town 10'")
 
 
 def test_refused_classes_of_a_folder_are_no_wrong_usage(unghost, name, tmp_path):
     write_files(tmp_path / "town", {"labels/1.txt": "", "classes.txt": "car\n" * 2})
 
-    answer = unghost("push", tmp_path / "town", "--dataset", name)
+    result = unghost("push", tmp_path / "town", "--dataset", name)
 
-    assert answer.code == REFUSED
-    assert "classes" in answer.err
+    assert result.code == REFUSED
+    assert "classes" in result.err
 
 
 def test_classes_are_shown_merged_renamed_and_removed(unghost, name, tmp_path):
@@ -618,7 +618,8 @@ def test_classes_are_shown_merged_renamed_and_removed(unghost, name, tmp_path):
     removed = unghost("classes", "remove", name, "bus")
     used = unghost("classes", "remove", name, "car")
     shown = {
-        one["class"]: one for one in unghost("classes", "show", name, "--json").records
+        record["class"]: record
+        for record in unghost("classes", "show", name, "--json").records
     }
 
     assert (merged.code, merged.out.split("\t")[1]) == (DONE, "done")
@@ -632,11 +633,11 @@ def test_classes_are_shown_merged_renamed_and_removed(unghost, name, tmp_path):
 def test_command_that_waits_for_the_first_start_takes_its_token(tmp_path):
     data = tmp_path / "data"
     with reserved_port() as port:
-        known = {
+        settings = {
             "UNGHOST_DATA": str(data),
             "UNGHOST_SERVER": f"http://127.0.0.1:{port}",
         }
-        early = CommandLine(tmp_path, known)
+        early = CommandLine(tmp_path, settings)
         with early.running("dataset", "list", "--json") as process:
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(1)

@@ -70,12 +70,12 @@ def test_archive_gives_the_verdicts_of_its_folder(
     (folder / "recording.yaml").write_text("classes: {car: pass}\n")
     archive = archive_of(folder, suffix, with_top=with_top)
 
-    answer = here("filter", archive)
+    result = here("filter", archive)
 
-    assert answer.code == DONE, answer.err
-    assert f"unpack {archive.name}: " in answer.err
-    assert answer.records == here("filter", folder).records
-    assert answer.records[0]["decisions"][0]["reason"] == "passed"
+    assert result.code == DONE, result.err
+    assert f"unpack {archive.name}: " in result.err
+    assert result.records == here("filter", folder).records
+    assert result.records[0]["decisions"][0]["reason"] == "passed"
     assert list(temporary.iterdir()) == []
 
 
@@ -125,10 +125,10 @@ def test_push_uploads_an_archive_but_no_file_outside_of_it(unghost, tmp_path):
     manifest.write_text(text.replace("rgb/000001.png", str(secret)))
     archive = archive_of(folder, ".zip", with_top=True)
 
-    answer = unghost("push", archive, "--dataset", "archive", "--json")
+    result = unghost("push", archive, "--dataset", "archive", "--json")
 
-    assert answer.code == 3
-    outcomes = {record.get("key"): record for record in answer.records}
+    assert result.code == 3
+    outcomes = {record.get("key"): record for record in result.records}
     assert outcomes["run/000000"]["outcome"] == "stored"
     assert "--outside-files" in outcomes["run/000001"]["error"]["detail"]
     allowed = unghost("push", archive, "--dataset", "archive", "--outside-files")
@@ -155,8 +155,8 @@ def test_links_inside_of_an_archive_are_kept(here, tmp_path):
 
     expected = here("filter", folder)
     for source in (archive, tmp_path / "linked.zip"):
-        answer = here("filter", source)
-        assert (answer.code, answer.out) == (DONE, expected.out), answer.err
+        result = here("filter", source)
+        assert (result.code, result.out) == (DONE, expected.out), result.err
 
 
 HOSTILE = {
@@ -175,12 +175,12 @@ def test_member_that_leads_out_is_refused(here, tmp_path, temporary, name):
     hostile = HOSTILE[name]
     archive = tar_of(tmp_path / "town.tar", (hostile, b""))
 
-    answer = here("filter", archive)
+    result = here("filter", archive)
 
-    assert answer.code == REFUSED
-    assert answer.err.startswith("unghost: town.tar: expected ")
-    assert (hostile.linkname if hostile.islnk() else hostile.name) in answer.err
-    assert "; make " in answer.err
+    assert result.code == REFUSED
+    assert result.err.startswith("unghost: town.tar: expected ")
+    assert (hostile.linkname if hostile.islnk() else hostile.name) in result.err
+    assert "; make " in result.err
     assert list(temporary.iterdir()) == []
 
 
@@ -193,10 +193,10 @@ def test_nothing_is_written_through_a_link(here, tmp_path, temporary):
         (member("seg/x.png"), b"written"),
     )
 
-    answer = here("filter", archive)
+    result = here("filter", archive)
 
-    assert answer.code == REFUSED
-    assert answer.err.startswith("unghost: town.tar: cannot be unpacked: seg: ")
+    assert result.code == REFUSED
+    assert result.err.startswith("unghost: town.tar: cannot be unpacked: seg: ")
     assert list(private.iterdir()) == list(temporary.iterdir()) == []
 
 
@@ -212,11 +212,11 @@ def test_members_of_a_zip_that_lead_out_are_refused(here, tmp_path, temporary):
         with ZipFile(tmp_path / "town.zip", "w") as archive:
             archive.writestr(info, "../../private")
 
-        answer = here("filter", "town.zip")
+        result = here("filter", "town.zip")
 
-        assert answer.code == REFUSED
-        assert answer.err.startswith("unghost: town.zip: expected ")
-        assert f'"{name}"' in answer.err
+        assert result.code == REFUSED
+        assert result.err.startswith("unghost: town.zip: expected ")
+        assert f'"{name}"' in result.err
         assert list(temporary.iterdir()) == []
 
 
@@ -268,13 +268,13 @@ def test_damaged_archive_is_refused(
         archive = archive_of(folder, suffix, with_top=True)
     archive.write_bytes(damage(archive.read_bytes()))
 
-    answer = here("filter", archive)
+    result = here("filter", archive)
 
-    assert (answer.code, answer.out) == (REFUSED, "")
+    assert (result.code, result.out) == (REFUSED, "")
     said = f"unghost: {archive.name}: expected an archive, found a fault: "
-    assert said in answer.err
-    assert "; copy it again" in answer.err
-    assert "Traceback" not in answer.err
+    assert said in result.err
+    assert "; copy it again" in result.err
+    assert "Traceback" not in result.err
     assert list(temporary.iterdir()) == []
 
 
@@ -286,10 +286,10 @@ def test_encrypted_zip_is_refused(here, tmp_path, temporary):
     content[content.index(b"PK\x01\x02") + 8] |= 1  # and of its entry in the list
     (tmp_path / "town.zip").write_bytes(content)
 
-    answer = here("filter", "town.zip")
+    result = here("filter", "town.zip")
 
-    assert answer.code == REFUSED
-    assert answer.err == (
+    assert result.code == REFUSED
+    assert result.err == (
         "unghost: town.zip: is encrypted; unpack it with its password, and give the "
         "folder\n"
     )
@@ -311,13 +311,13 @@ def test_archive_that_would_not_fit_on_the_disk_is_refused(
         large.size = 1 << 60
         archive.write_bytes(large.tobuf() + b"{}")
 
-    answer = here("filter", archive)
+    result = here("filter", archive)
 
-    assert answer.code == REFUSED
+    assert result.code == REFUSED
     assert f"{archive.name}: does not fit unpacked on the disk of {temporary}" in (
-        answer.err
+        result.err
     )
-    assert "TMPDIR" in answer.err
+    assert "TMPDIR" in result.err
     assert list(temporary.iterdir()) == []
 
 
@@ -342,10 +342,10 @@ def test_output_does_not_replace_the_archive(here, tmp_path):
     archive = archive_of(write_manifest(tmp_path / "town", 1), ".zip", with_top=True)
     content = archive.read_bytes()
 
-    answer = here("filter", archive, "-o", archive)
+    result = here("filter", archive, "-o", archive)
 
-    assert answer.code == USAGE
-    assert "is the source itself" in answer.err
+    assert result.code == USAGE
+    assert "is the source itself" in result.err
     assert archive.read_bytes() == content
 
 
@@ -355,6 +355,6 @@ def test_junk_of_macos_beside_the_folder_is_passed_over(here, tmp_path):
     names = ("town", "__MACOSX", ".DS_Store")
     subprocess.run(["tar", "-czf", "town.tgz", *names], cwd=tmp_path, check=True)
 
-    answer = here("filter", "town.tgz")
+    result = here("filter", "town.tgz")
 
-    assert (answer.code, answer.out) == (DONE, here("filter", folder).out)
+    assert (result.code, result.out) == (DONE, here("filter", folder).out)

@@ -12,9 +12,9 @@ def test_config_with_an_unknown_key_is_refused_with_the_nearest_key(
     file.write_text("treshold_small_box: 5\n")
 
     for command in commands_with_config(api.dataset(), file):
-        answer = unghost(*command)
-        assert answer.code == EXIT_REFUSED
-        assert answer.err == (
+        result = unghost(*command)
+        assert result.code == EXIT_REFUSED
+        assert result.err == (
             f"unghost: {file}: unknown key 'treshold_small_box'; the nearest valid key "
             "is 'threshold_small_box'\n"
         )
@@ -30,9 +30,9 @@ def test_classes_of_a_config_that_no_box_has_are_noted(unghost, api, tmp_path):
     )
 
     for command in commands_with_config(dataset, file):
-        answer = unghost(*command)
-        assert answer.code == 0, answer.err
-        notes = [line for line in answer.err.splitlines() if "occurs in" in line]
+        result = unghost(*command)
+        assert result.code == 0, result.err
+        notes = [line for line in result.err.splitlines() if "occurs in" in line]
         assert notes == [
             "class 'cra' of the configuration occurs in none of 2 boxes; did you mean "
             "'car'?",
@@ -91,12 +91,12 @@ def test_push_gives_its_configuration_to_a_dataset_without_frames(
     dataset, file = api.dataset(), tmp_path / "boundingBox.yaml"
     file.write_text("sitting: {threshold_small_box: 25, cam_rgb: {3D: true}}")
 
-    answer = pushed(unghost, dataset, file)
+    result = pushed(unghost, dataset, file)
 
     _, active = versions(api, dataset)
-    assert answer.code == 0, answer.err
-    assert f"configuration of {dataset}, which had no frames: " in answer.err
-    assert "keys that are not used: sitting.cam_rgb.3D" in answer.err
+    assert result.code == 0, result.err
+    assert f"configuration of {dataset}, which had no frames: " in result.err
+    assert "keys that are not used: sitting.cam_rgb.3D" in result.err
     assert active["config"]["profile"] == "carlasimu"
     assert active["config"]["threshold_small_box"] == 25
 
@@ -108,10 +108,10 @@ def test_push_does_not_change_the_configuration_of_a_dataset_with_frames(
     file.write_text("threshold_small_box: 25")
     before = versions(api, dataset)
 
-    answer = pushed(unghost, dataset, file)
+    result = pushed(unghost, dataset, file)
 
-    assert answer.code == EXIT_REFUSED
-    assert answer.err == (
+    assert result.code == EXIT_REFUSED
+    assert result.err == (
         f"unghost: dataset '{dataset}' has frames, and another configuration than "
         f"{file} (threshold_small_box: 10 -> 25); `unghost config set {dataset} "
         f"{file}` applies the file to every frame, and `unghost config diff "
@@ -141,7 +141,7 @@ def test_push_puts_a_class_map_into_the_configuration_of_a_new_dataset(
     assert (first.code, again.code, both.code) == (0, 0, 0), first.err + both.err
     _, active = versions(api, "push-class-map")
     assert {
-        name: one["measures_as"] for name, one in active["config"]["classes"].items()
+        name: row["measures_as"] for name, row in active["config"]["classes"].items()
     } == {"Caar": "car", "Misc": "pass"}
     _, active = versions(api, "push-class-map-file")
     assert active["config"]["classes"]["Caar"]["measures_as"] == "truck"

@@ -36,9 +36,9 @@ def names(folder: Path) -> list[str]:
 def test_pictures_sheet_and_page_are_written(bare_unghost, tmp_path):
     source = write_manifest(tmp_path / "frames", 3)
 
-    answer = bare_unghost("draw", source, "-o", "out")
+    result = bare_unghost("draw", source, "-o", "out")
 
-    assert (answer.code, answer.out) == (0, "3 drawn\t0 failed\n"), answer.err
+    assert (result.code, result.out) == (0, "3 drawn\t0 failed\n"), result.err
     out = tmp_path / "out"
     assert names(out) == ["after", "before", "index.html", "sheet.png", "side"]
     before, after = (
@@ -82,9 +82,9 @@ def test_worst_frames_come_first_and_no_others_are_drawn(bare_unghost, tmp_path)
     )
     manifest.write_text("\n".join([first, more, third]))
 
-    answer = bare_unghost("draw", source, "-o", "out", "--worst", "1")
+    result = bare_unghost("draw", source, "-o", "out", "--worst", "1")
 
-    assert answer.code == 0, answer.err
+    assert result.code == 0, result.err
     assert names(tmp_path / "out/side") == ["run__000001.png"]
 
 
@@ -92,10 +92,10 @@ def test_frame_that_cannot_be_read_does_not_stop_the_others(bare_unghost, tmp_pa
     source = write_manifest(tmp_path / "frames", 2)
     (source / "seg/000000.png").write_bytes(b"no image")
 
-    answer = bare_unghost("draw", source, "-o", "out")
+    result = bare_unghost("draw", source, "-o", "out")
 
-    assert (answer.code, answer.out) == (PARTLY, "1 drawn\t1 failed\n")
-    assert "run/000000" in answer.err
+    assert (result.code, result.out) == (PARTLY, "1 drawn\t1 failed\n")
+    assert "run/000000" in result.err
 
 
 def test_frame_without_an_image_is_drawn_on_grey(bare_unghost, tmp_path):
@@ -104,9 +104,9 @@ def test_frame_without_an_image_is_drawn_on_grey(bare_unghost, tmp_path):
     manifest = source / "manifest.jsonl"
     manifest.write_text(re.sub(r'"image": "[^"]*",? ?', "", manifest.read_text()))
 
-    answer = bare_unghost("draw", source, "-o", "out")
+    result = bare_unghost("draw", source, "-o", "out")
 
-    assert answer.code == 0, answer.err
+    assert result.code == 0, result.err
     assert read(tmp_path / "out/before/run__000000.png")[-1, -1].tolist() == [96] * 3
 
 
@@ -119,22 +119,22 @@ def test_replay_counts_what_paper_code_and_best_evidence_decide(bare_unghost, tm
     )
     command = ("replay", source, "-o", "boxes.jsonl", "--pictures", "wrong")
 
-    answer = bare_unghost(*command, "--worst", "1")
+    result = bare_unghost(*command, "--worst", "1")
 
-    assert answer.code == 0, answer.err
-    first, head, kind = (line.split("\t") for line in answer.out.splitlines())
+    assert result.code == 0, result.err
+    first, head, kind = (line.split("\t") for line in result.out.splitlines())
     assert first == ["2 frames", "4 boxes", "0 failed", "4 differ"]
     assert head == ["# kind", "boxes", "paper", "code", "best"]
     assert kind == [
         *("kind", "4", "unmeasured: unmapped class"),
         *("rejected: unmapped class", "unmeasured: unmapped class"),
     ]
-    assert "its code: keeps 0 boxes that the best evidence rejects" in answer.err
+    assert "its code: keeps 0 boxes that the best evidence rejects" in result.err
     records = [
         json.loads(line) for line in (tmp_path / "boxes.jsonl").read_text().splitlines()
     ]
-    assert [(one["key"], one["id"]) for one in records] == [
+    assert [(record["key"], record["id"]) for record in records] == [
         (f"run/00000{number}", box) for number in (0, 1) for box in ("real", "ghost")
     ]
-    assert {one["code"]["verdict"] for one in records} == {"rejected"}
+    assert {record["code"]["verdict"] for record in records} == {"rejected"}
     assert names(tmp_path / "wrong/side") == ["run__000000.png"]

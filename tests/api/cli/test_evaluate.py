@@ -49,28 +49,28 @@ def write_truth(folder: Path) -> Path:
 
 
 def test_channels_are_compared_with_a_truth_file(bare_unghost, folder):
-    answer = bare_unghost("evaluate", folder, "--truth", write_truth(folder), "--json")
+    result = bare_unghost("evaluate", folder, "--truth", write_truth(folder), "--json")
 
-    assert answer.code == PARTLY
-    assert "refused: broken" in answer.err
-    (result,) = answer.records
-    assert (result["frames"], result["boxes"]) == (2, 4)
-    kept = {name: one["kept_hidden"] for name, one in result["channels"].items()}
+    assert result.code == PARTLY
+    assert "refused: broken" in result.err
+    (record,) = result.records
+    assert (record["frames"], record["boxes"]) == (2, 4)
+    kept = {name: scores["kept_hidden"] for name, scores in record["channels"].items()}
     assert (kept["semantic"], kept["depth"], kept["instance"]) == (2, 0, 0)
 
 
 def test_instances_are_the_truth_without_a_truth_file(bare_unghost, folder):
-    answer = bare_unghost(
+    result = bare_unghost(
         "evaluate", folder, "--channel", "semantic", "--channel", "ordered"
     )
 
-    assert answer.code == DONE
-    first, second = (line.split("\t") for line in answer.out.splitlines()[:2])
+    assert result.code == DONE
+    first, second = (line.split("\t") for line in result.out.splitlines()[:2])
     assert first[0] == "semantic"
     assert first[6:9] == ["3", "0", "6"]
     assert second[:4] == ["ordered", "1.0", "1.0", "1.0"]
-    assert "metres\t0-50\tordered" in answer.out
-    assert "class\tcar\tsemantic" in answer.out
+    assert "metres\t0-50\tordered" in result.out
+    assert "class\tcar\tsemantic" in result.out
 
 
 def test_plot_names_the_evaluated_channel(bare_unghost, folder, tmp_path):
@@ -81,13 +81,19 @@ def test_plot_names_the_evaluated_channel(bare_unghost, folder, tmp_path):
     assert "ordered" in texts
 
 
-def test_invalid_truth_file_is_refused_with_its_line(bare_unghost, folder):
-    (folder / "truth.jsonl").write_text("nonsense")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("nonsense", "truth.jsonl, line 1"), ("", "nothing was compared")],
+)
+def test_invalid_or_empty_truth_is_refused(bare_unghost, folder, text, message):
+    truth = folder / "truth.jsonl"
+    truth.write_text(text)
 
-    answer = bare_unghost("evaluate", folder, "--truth", folder / "truth.jsonl")
+    result = bare_unghost("evaluate", folder, "--truth", truth, "--suggest")
 
-    assert answer.code == REFUSED
-    assert "truth.jsonl, line 1" in answer.err
+    assert result.code == REFUSED
+    assert message in result.err
+    assert "no threshold can be suggested" not in result.err
 
 
 @pytest.fixture
@@ -133,12 +139,12 @@ def test_written_files_take_the_place_of_links(bare_unghost, folder_with_partial
     config.symlink_to(private)
     plot.symlink_to(private)
 
-    answer = bare_unghost(
+    result = bare_unghost(
         *("evaluate", folder_with_partial_box, "--suggest"),
         *("--config-out", config, "--plot", plot),
     )
 
-    assert answer.code == DONE
+    assert result.code == DONE
     assert private.read_text() == "mine"
     written = load_config(config.read_bytes()).config
     assert written.limits_of("car").threshold_small_box > 10
@@ -148,13 +154,13 @@ def test_written_files_take_the_place_of_links(bare_unghost, folder_with_partial
 def test_suggested_thresholds_are_printed_as_a_table(
     bare_unghost, folder_with_partial_box
 ):
-    answer = bare_unghost(
+    result = bare_unghost(
         "evaluate", folder_with_partial_box, "--suggest", "--recall", "1"
     )
 
     (row,) = [
         line.split("\t")
-        for line in answer.out.splitlines()
+        for line in result.out.splitlines()
         if line.startswith("threshold\t")
     ]
     assert row[1:3] == ["car", "10.0"]
@@ -165,26 +171,14 @@ def test_truth_of_other_frames_is_counted_and_exits_with_3(bare_unghost, folder)
     truth = write_truth(folder)
     truth.write_text(truth.read_text().replace('"b"', '"x"'))
 
-    answer = bare_unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
+    result = bare_unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
 
-    assert answer.code == PARTLY
-    assert "frames without a box of known truth: 2 of 3" in answer.err
+    assert result.code == PARTLY
+    assert "frames without a box of known truth: 2 of 3" in result.err
     assert (
         "lines of the ground truth about no box here: 2, such as those of frame 'x'"
-        in answer.err
+        in result.err
     )
-
-
-def test_empty_truth_is_refused(bare_unghost, folder):
-    (folder / "truth.jsonl").write_text("")
-
-    answer = bare_unghost(
-        "evaluate", folder, "--truth", folder / "truth.jsonl", "--suggest"
-    )
-
-    assert answer.code == REFUSED
-    assert "nothing was compared" in answer.err
-    assert "no threshold can be suggested" not in answer.err
 
 
 def test_recall_option_without_suggest_is_refused(bare_unghost, folder):

@@ -54,13 +54,15 @@ def many(folder: Path, lines: int) -> Path:
 
 
 def test_processes_and_threads_give_the_same_lines(tmp_path):
-    found = read_source(write_manifest(tmp_path / "frames", 30, bad=frozenset({3, 29})))
+    source = read_source(
+        write_manifest(tmp_path / "frames", 30, bad=frozenset({3, 29}))
+    )
     (tmp_path / "frames" / "seg" / "000007.png").write_bytes(b"no picture")
     (tmp_path / "frames" / "seg" / "000009.png").unlink()
     config = FilterConfig.from_mapping({"threshold_small_box": 30})
-    by_threads = list(decided_lines(found, config, WORKERS))
+    by_threads = list(decided_lines(source, config, WORKERS))
 
-    by_processes = list(decided_lines(found, config, WORKERS, fewest_frames=1))
+    by_processes = list(decided_lines(source, config, WORKERS, fewest_frames=1))
 
     assert by_processes == by_threads
     assert [line.key for line in by_threads if line.fault] == [
@@ -105,10 +107,10 @@ def test_filtering_stops_when_its_generator_is_closed(tmp_path):
             read.append(frame.key)
             yield frame
 
-    found = replace(manifest, frames=frames)
+    source = replace(manifest, frames=frames)
     # Other tests in this process may have left processes that decode images.
     others = set(multiprocessing.active_children())
-    lines = decided_lines(found, FilterConfig(), WORKERS, fewest_frames=1)
+    lines = decided_lines(source, FilterConfig(), WORKERS, fewest_frames=1)
 
     first = next(lines)
     started = set(multiprocessing.active_children()) - others

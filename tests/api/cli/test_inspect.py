@@ -17,10 +17,10 @@ DONE, REFUSED, PARTLY = 0, 1, 3
 def test_inspect_shows_a_folder_and_what_helps(bare_unghost, tmp_path):
     folder = mixed_recording(tmp_path / "street")
 
-    answer = bare_unghost("inspect", folder)
+    result = bare_unghost("inspect", folder)
 
-    assert answer.code == PARTLY
-    lines = answer.out.splitlines()
+    assert result.code == PARTLY
+    lines = result.out.splitlines()
     assert lines[0] == "# recording\trecording\tis"
     assert "# images\trole\timages\ttold by\tsuch as" in lines
     assert "recording\tholds\t21 frames, 108 boxes" in lines
@@ -29,18 +29,18 @@ def test_inspect_shows_a_folder_and_what_helps(bare_unghost, tmp_path):
     assert "class\tcar\t42\tcar\t42\t42\t0\t0\t2.5\ttag 100 (5,376 px)" in lines
     assert any("\tCaar\t21\tunknown; is it car?\t" in line for line in lines)
     assert "file\tand 15 more like this\tno label file for this image" in lines
-    assert "! 42 boxes are unmeasured" in answer.err
-    assert "--class-map Caar=car" in answer.err
-    assert "unknown inside boxes of: car (2.5 %)" in answer.err
+    assert "! 42 boxes are unmeasured" in result.err
+    assert "--class-map Caar=car" in result.err
+    assert "unknown inside boxes of: car (2.5 %)" in result.err
 
 
 def test_inspect_writes_a_description_that_filter_carries_out(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 2)
     written = folder / "recording.yaml"
 
-    answer = bare_unghost("inspect", folder, "--write", written)
+    result = bare_unghost("inspect", folder, "--write", written)
 
-    assert answer.code == DONE
+    assert result.code == DONE
     assert "palette: carla-0.9.14" in written.read_text()
     assert bare_unghost("filter", folder).code == DONE
     again = bare_unghost("inspect", folder, "--write", written)
@@ -63,9 +63,9 @@ def test_description_has_a_line_for_each_class_that_a_person_has_to_name(
 
     named = text.replace("\n# classes:", "\nclasses:").replace("\n#   ", "\n  ")
     written.write_text(named)
-    answer = bare_unghost("inspect", folder, "--recording", written, "--json")
-    (record,) = answer.records
-    assert {one["name"]: one["measured_as"] for one in record["classes"]} == {
+    result = bare_unghost("inspect", folder, "--recording", written, "--json")
+    (record,) = result.records
+    assert {row["name"]: row["measured_as"] for row in record["classes"]} == {
         "car": "car",
         "walker": "walker",
         "Kasten": "pass",
@@ -75,16 +75,16 @@ def test_description_has_a_line_for_each_class_that_a_person_has_to_name(
 
 
 def test_record_has_everything_but_the_pictures(bare_unghost, tmp_path):
-    answer = bare_unghost("inspect", mixed_recording(tmp_path / "street"), "--json")
+    result = bare_unghost("inspect", mixed_recording(tmp_path / "street"), "--json")
 
-    (record,) = answer.records
-    assert answer.code == PARTLY
+    (record,) = result.records
+    assert result.code == PARTLY
     assert record["left_over"][0]["count"] == 25
     assert [len(frame["boxes"]) >= 5 for frame in record["drawn"]] == [True] * 3
     assert record["drawn"][0].keys() == {"key", "wh", "boxes", "outside"}
     assert record["segmentation"]["readings"][0]["encoding"] == "raw"
     assert record["streams"][0]["told_by"] == ["name"]
-    assert [one["is_serious"] for one in record["remarks"]] == [True] * 4 + [False]
+    assert [note["is_serious"] for note in record["remarks"]] == [True] * 4 + [False]
     assert "layout: yolo" in record["description"]
 
 
@@ -149,14 +149,14 @@ def test_page_is_one_file_whatever_names_files_and_classes_have(bare_unghost, tm
     }
     folder = write_files(tmp_path / "<b>folder", files)
 
-    answer = bare_unghost("inspect", folder, "--html", "page.html")
+    result = bare_unghost("inspect", folder, "--html", "page.html")
 
-    assert answer.code == PARTLY
+    assert result.code == PARTLY
     page = _Page((tmp_path / "page.html").read_text("utf-8"))
     assert "script" not in page.tags
     assert page.tags.count("figure") == page.tags.count("image") == 1
     assert page.addresses
-    assert all(one.startswith("data:image/jpeg;base64,") for one in page.addresses)
+    assert all(url.startswith("data:image/jpeg;base64,") for url in page.addresses)
 
 
 def test_page_has_the_colours_of_the_review_page():
@@ -183,12 +183,12 @@ def test_folders_of_options_are_in_the_source_or_as_the_shell_has_them(
     write_files(tmp_path / "elsewhere", {"a.png": files["a.png"]})
 
     for named in ("gt", folder / "gt", tmp_path / "elsewhere"):
-        answer = bare_unghost("inspect", folder, "--segmentation", named)
-        assert "\nimages\tsegmentation\t1\t" in answer.out, answer.err
+        result = bare_unghost("inspect", folder, "--segmentation", named)
+        assert "\nimages\tsegmentation\t1\t" in result.out, result.err
 
-    answer = bare_unghost("inspect", folder, "--segmentation", "nowhere")
-    assert answer.code == 2
-    assert "--segmentation: expected a folder, found none named nowhere" in answer.err
+    result = bare_unghost("inspect", folder, "--segmentation", "nowhere")
+    assert result.code == 2
+    assert "--segmentation: expected a folder, found none named nowhere" in result.err
 
 
 def test_inspect_foresees_what_other_commands_refuse(bare_unghost, tmp_path):
@@ -196,7 +196,7 @@ def test_inspect_foresees_what_other_commands_refuse(bare_unghost, tmp_path):
     picture = png(np.zeros((60, 80, 3), np.uint8))
     folder = write_files(tmp_path, {"a.png": picture, "b.png": b"", "t.csv": table})
 
-    answer = bare_unghost("inspect", folder)
+    result = bare_unghost("inspect", folder)
 
-    assert "`convert --to same` is refused" in answer.err
-    assert "refused\tb\tb.png has 0 bytes" in answer.out
+    assert "`convert --to same` is refused" in result.err
+    assert "refused\tb\tb.png has 0 bytes" in result.out

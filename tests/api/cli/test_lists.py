@@ -101,7 +101,7 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
     )
     shown = unghost("dataset", "show", name).out.splitlines()
     misspelt = unghost("dataset", "show", "by-hnd")
-    asked = unghost("dataset", "delete", name)
+    unconfirmed = unghost("dataset", "delete", name)
     deleted = unghost("dataset", "delete", name, "--yes")
 
     assert made.out == f"{name}: car, van\n"
@@ -111,7 +111,7 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
     assert edited.code == 0, edited.err
     assert {"description\train", "palette\tcarla-0.9.14", "frames\t0"} <= set(shown)
     assert "there is no dataset 'by-hnd'; did you mean 'by-hand'?" in misspelt.err
-    assert (asked.code, "--yes" in asked.err) == (1, True)
+    assert (unconfirmed.code, "--yes" in unconfirmed.err) == (1, True)
     assert deleted.err.endswith("deleted\n")
     assert unghost("dataset", "show", name).code == 1
 
@@ -170,12 +170,12 @@ def test_server_and_token_are_stored_shown_used_and_forgotten(bare_unghost, serv
     ],
 )
 def test_shells_complete_names_formats_and_layouts(unghost, dataset, typed, words):
-    asked = {
+    environ = {
         "_UNGHOST_COMPLETE": "complete_bash",
         "COMP_WORDS": typed,
         "COMP_CWORD": str(len(typed.split()) - 1),
     }
-    completed = CommandLine(unghost.folder, {**unghost.settings, **asked})()
+    completed = CommandLine(unghost.folder, {**unghost.settings, **environ})()
 
     assert words <= {line.split(",")[-1] for line in completed.out.splitlines()}
 
@@ -197,6 +197,6 @@ def test_hooks_are_created_tried_listed_and_deleted(unghost, dataset):
     assert tried.out == f"hook {number}: status 200\n"
     assert (failed.code, "the receiver responded with 500" in failed.err) == (1, True)
     assert f"{number}\t{receiver.url}\t" in listed
-    assert [one["state"] for one in log] == ["waiting", "delivered"]
+    assert [delivery["state"] for delivery in log] == ["waiting", "delivered"]
     assert deleted.code == 0
     assert (elsewhere.code, "UNGHOST_HOOK_HOSTS" in elsewhere.err) == (1, True)

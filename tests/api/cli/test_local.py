@@ -35,11 +35,11 @@ def lines_of(file: Path) -> list[dict[str, Any]]:
 def test_filter_writes_one_line_per_frame_in_order(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 12)
 
-    answer = bare_unghost("filter", folder, "--output", "out/decisions.jsonl")
+    result = bare_unghost("filter", folder, "--output", "out/decisions.jsonl")
 
-    assert answer.code == DONE
-    assert answer.out == "12 decided\t0 failed\t12 kept\t12 rejected\t0 unmeasured\n"
-    assert "class" not in answer.err
+    assert result.code == DONE
+    assert result.out == "12 decided\t0 failed\t12 kept\t12 rejected\t0 unmeasured\n"
+    assert "class" not in result.err
     lines = lines_of(tmp_path / "out" / "decisions.jsonl")
     assert [line["key"] for line in lines] == [f"run/{n:06}" for n in range(12)]
     verdicts = {each["id"]: each["verdict"] for each in lines[0]["decisions"]}
@@ -56,9 +56,9 @@ def test_filter_writes_through_no_link_in_the_folder_of_its_output(
     for name in ("decisions.jsonl", "decisions.jsonl.part"):
         (folder / name).symlink_to(private)
 
-    answer = bare_unghost("filter", folder, "-o", folder / "decisions.jsonl")
+    result = bare_unghost("filter", folder, "-o", folder / "decisions.jsonl")
 
-    assert answer.code == DONE
+    assert result.code == DONE
     assert private.read_text() == "mine"
     assert not (folder / "decisions.jsonl").is_symlink()
     assert len(lines_of(folder / "decisions.jsonl")) == 1
@@ -71,19 +71,19 @@ def test_pipe_in_place_of_a_manifest_is_refused(bare_unghost, tmp_path, command)
     os.mkfifo(tmp_path / "town/manifest.jsonl")
     more = ("--to", "coco", "-o", "x.zip") if command == "convert" else ("-o", "x")
 
-    answer = bare_unghost(command, "town", *more)
+    result = bare_unghost(command, "town", *more)
 
-    assert answer.code == REFUSED
-    assert "cannot be read: not a regular file" in answer.err
+    assert result.code == REFUSED
+    assert "cannot be read: not a regular file" in result.err
 
 
 def test_filter_with_an_invalid_frame_exits_with_3(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
 
-    answer = bare_unghost("filter", folder, "-o", "out.jsonl", "--json")
+    result = bare_unghost("filter", folder, "-o", "out.jsonl", "--json")
 
-    assert answer.code == PARTLY
-    assert answer.records == [
+    assert result.code == PARTLY
+    assert result.records == [
         {
             "output": "out.jsonl",
             "decided": 2,
@@ -94,7 +94,7 @@ def test_filter_with_an_invalid_frame_exits_with_3(bare_unghost, tmp_path):
             "unmatched": [],
         }
     ]
-    assert "refused: run/000001" in answer.err
+    assert "refused: run/000001" in result.err
     lines = lines_of(tmp_path / "out.jsonl")
     assert lines[1]["error"]["errors"][0]["pointer"].startswith("/boxes/0")
 
@@ -109,12 +109,12 @@ def test_ten_refusals_of_a_kind_are_printed_and_then_a_number(
     with (folder / "manifest.jsonl").open("a") as manifest:
         manifest.write("no JSON\n")
 
-    answer = bare_unghost(*command, folder, "-o", tmp_path / "out")
+    result = bare_unghost(*command, folder, "-o", tmp_path / "out")
 
-    assert answer.code == PARTLY
-    assert answer.err.count("refused: run/") == 10
-    assert answer.err.count("refused: manifest.jsonl, line 17") == 1
-    assert "and 5 more like this: refused (not_a_number)" in answer.err
+    assert result.code == PARTLY
+    assert result.err.count("refused: run/") == 10
+    assert result.err.count("refused: manifest.jsonl, line 17") == 1
+    assert "and 5 more like this: refused (not_a_number)" in result.err
 
 
 def test_convert_leaves_out_frames_without_an_image_and_says_so(bare_unghost, tmp_path):
@@ -141,10 +141,10 @@ def test_filter_does_not_overwrite_its_source(bare_unghost, tmp_path, named):
     folder = write_manifest(tmp_path / "frames", 2)
     before = (folder / "manifest.jsonl").read_bytes()
 
-    answer = bare_unghost("filter", folder / named, "-o", folder / "manifest.jsonl")
+    result = bare_unghost("filter", folder / named, "-o", folder / "manifest.jsonl")
 
-    assert answer.code == USAGE
-    assert "is the source itself" in answer.err
+    assert result.code == USAGE
+    assert "is the source itself" in result.err
     table = bare_unghost("filter", folder, "-o", tmp_path / "decisions.csv")
     assert table.code == USAGE
     assert f"`unghost convert {folder} --to decisions-csv --filter" in table.err
@@ -156,12 +156,12 @@ def test_control_characters_of_file_names_are_escaped(bare_unghost, tmp_path):
     hostile = "labels/a\x1b]0;OWNED\x07\n.txt"
     write_files(folder, {hostile: b"x 1 2 3", "classes.txt": b"car"})
 
-    answer = bare_unghost("convert", folder, "--to", "coco", "-o", "out")
+    result = bare_unghost("convert", folder, "--to", "coco", "-o", "out")
 
-    assert answer.code == REFUSED
-    assert r"a\u001b]0;OWNED\u0007\u000a" in answer.err
-    assert "no frame can be read (1 refused)" in answer.err
-    assert answer.err.replace("\n", "").isprintable()
+    assert result.code == REFUSED
+    assert r"a\u001b]0;OWNED\u0007\u000a" in result.err
+    assert "no frame can be read (1 refused)" in result.err
+    assert result.err.replace("\n", "").isprintable()
     assert not (tmp_path / "out").exists()
 
 
@@ -172,11 +172,11 @@ def test_frames_without_segmentation_and_without_boxes_are_said(bare_unghost, tm
     write_files(tmp_path / "town", town)
     write_files(tmp_path / "empty", town | dict.fromkeys(labels, b""))
 
-    answer = bare_unghost("filter", "town", "-o", "out.jsonl")
+    result = bare_unghost("filter", "town", "-o", "out.jsonl")
     convert = bare_unghost("convert", "empty", "--to", "coco", "-o", "out")
 
     assert (
-        "unmeasured, without a segmentation: 1 of 2 frames, such as 2\n" in answer.err
+        "unmeasured, without a segmentation: 1 of 2 frames, such as 2\n" in result.err
     )
     assert "no frame has a box (2 read, layout yolo" in convert.err
 
@@ -184,11 +184,11 @@ def test_frames_without_segmentation_and_without_boxes_are_said(bare_unghost, tm
 def test_folder_without_frames_says_why_its_images_are_none(bare_unghost, tmp_path):
     write_files(tmp_path / "town", {"rgb/1.png": png(painted(street_tags()))})
 
-    answer = bare_unghost("filter", tmp_path / "town")
+    result = bare_unghost("filter", tmp_path / "town")
 
-    assert answer.code == REFUSED
-    assert "unghost: no frames in town (layout pairs)\n" in answer.err
-    assert "rgb/1.png: its name says that it is a picture, its pixels" in answer.err
+    assert result.code == REFUSED
+    assert "unghost: no frames in town (layout pairs)\n" in result.err
+    assert "rgb/1.png: its name says that it is a picture, its pixels" in result.err
 
 
 def test_filter_names_boxes_whose_colour_the_published_code_does_not_count(
@@ -202,12 +202,12 @@ def test_filter_names_boxes_whose_colour_the_published_code_does_not_count(
     manifest.write_text(manifest.read_text().replace('"car"', '"truck"'))
     (tmp_path / "boundingBox.yaml").write_text("sitting: {threshold_small_box: 10}")
 
-    answer = bare_unghost(
+    result = bare_unghost(
         "filter", folder, "--config", "boundingBox.yaml", "-o", "out.jsonl"
     )
 
-    assert "profile carlasimu: boxes are decided as the paper's published" in answer.err
-    assert "one colour for each class: truck (" in answer.err
+    assert "profile carlasimu: boxes are decided as the paper's published" in result.err
+    assert "one colour for each class: truck (" in result.err
 
 
 def test_filter_does_not_decide_boxes_of_a_class_it_does_not_know(
@@ -220,17 +220,17 @@ def test_filter_does_not_decide_boxes_of_a_class_it_does_not_know(
 
     stopped = bare_unghost(*command)
     is_written = (tmp_path / "out.jsonl").exists()
-    answer = bare_unghost(*command, "--allow-unmapped")
+    result = bare_unghost(*command, "--allow-unmapped")
 
     assert (stopped.code, is_written) == (REFUSED, False)
     assert f"nothing was written: {said}; --class-map NAME=CLASS" in stopped.err
-    assert answer.code == PARTLY
-    assert "0 rejected\t4 unmeasured" in answer.out
+    assert result.code == PARTLY
+    assert "0 rejected\t4 unmeasured" in result.out
     assert (
         "4 boxes are unmeasured, since the filter does not know their class: "
         f"{said}; --class-map NAME=CLASS says as what a class is "
         "measured, and --class-map NAME=pass that it need not be\n"
-    ) in answer.err
+    ) in result.err
 
 
 def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
@@ -242,12 +242,12 @@ def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
 
     command = ("filter", manifest, "--config", "filter.yaml", "-o", "o")
     stopped = bare_unghost(*command)
-    answer = bare_unghost(*command, "--allow-unmapped")
+    result = bare_unghost(*command, "--allow-unmapped")
 
     assert "2 of 2 boxes have a class that profile carlasimu has no" in stopped.err
-    assert answer.code == PARTLY
+    assert result.code == PARTLY
     assert "since profile carlasimu drops classes without a colour: vehicle (2); " in (
-        answer.err
+        result.err
     )
 
 
@@ -256,12 +256,12 @@ def test_filter_names_the_option_for_labels_without_a_class(bare_unghost, tmp_pa
     write_files(folder, {"a.txt": "9 9 4 4", "classes.txt": "car", "a.png": None})
     tags = segmentation_folder(tmp_path / "tags")
 
-    answer = bare_unghost("filter", folder, "--segmentation", tags, "-o", "out.jsonl")
+    result = bare_unghost("filter", folder, "--segmentation", tags, "-o", "out.jsonl")
 
-    assert answer.code == REFUSED
+    assert result.code == REFUSED
     assert (
         "unknown (1; labels without a class; --default-class names theirs)"
-    ) in answer.err
+    ) in result.err
 
 
 def segmentation_folder(folder: Path) -> Path:
@@ -284,10 +284,10 @@ def test_filter_names_the_part_of_a_frame_that_is_truncated(
     config = tmp_path / "filter.yaml"
     config.write_text(f"evidence: {'depth' if part == 'depth' else 'semantic'}")
 
-    answer = bare_unghost("filter", folder, "--config", config, "-o", "out.jsonl")
+    result = bare_unghost("filter", folder, "--config", config, "-o", "out.jsonl")
 
-    assert answer.code == REFUSED
-    assert f"refused: run/000000: {part}: PNG: the file ends too early" in answer.err
+    assert result.code == REFUSED
+    assert f"refused: run/000000: {part}: PNG: the file ends too early" in result.err
     (line,) = lines_of(tmp_path / "out.jsonl")
     assert line["error"]["errors"][0]["pointer"] == f"/{part}"
 
@@ -299,13 +299,13 @@ def test_label_without_its_image_is_named(bare_unghost, tmp_path, command):
     write_files(tmp_path / "yolo", {**files, **labels})
     more = ("--to", "coco") if command == "convert" else ()
 
-    answer = bare_unghost(command, "yolo", *more, "-o", "out")
+    result = bare_unghost(command, "yolo", *more, "-o", "out")
 
-    assert answer.code == PARTLY
+    assert result.code == PARTLY
     assert (
         "refused: b/c: labels/b/c.txt: expected an image named c (.png, .jpg or "
         ".jpeg), found none\n"
-    ) in answer.err
+    ) in result.err
 
 
 def test_options_for_labels_without_a_list_of_classes_are_named(bare_unghost, tmp_path):
@@ -372,9 +372,9 @@ def test_option_that_reads_raw_tags_is_named(bare_unghost, tmp_path):
     tags = np.full((HEIGHT, WIDTH, 3), 1, np.uint8)
     (folder / "seg/000000.png").write_bytes(png(tags))
 
-    answer = bare_unghost("filter", folder, "-o", "out.jsonl")
+    result = bare_unghost("filter", folder, "-o", "out.jsonl")
 
-    assert "Raw tags need --encoding raw (encoding: raw)" in answer.err
+    assert "Raw tags need --encoding raw (encoding: raw)" in result.err
 
 
 def test_notes_on_depth_that_is_no_evidence_are_in_the_summary(bare_unghost, tmp_path):
@@ -382,7 +382,7 @@ def test_notes_on_depth_that_is_no_evidence_are_in_the_summary(bare_unghost, tmp
     (tmp_path / "truth.jsonl").write_text('{"key": "a", "id": "217", "visible": true}')
     measured = (folder, "--config", config)
 
-    answers = [
+    results = [
         bare_unghost("filter", *measured, "-o", "out.jsonl"),
         bare_unghost("convert", *measured, "--filter", "--to", "coco", "-o", "coco"),
         bare_unghost("evaluate", *measured, "--truth", tmp_path / "truth.jsonl"),
@@ -393,9 +393,9 @@ def test_notes_on_depth_that_is_no_evidence_are_in_the_summary(bare_unghost, tmp
     )
 
     note = "depth is not used as evidence: the depth image: "
-    for answer in answers:
-        assert f"2 frames: {note}" in answer.err
-        assert answer.err.count(note) == 1
+    for result in results:
+        assert f"2 frames: {note}" in result.err
+        assert result.err.count(note) == 1
     assert f"2 frames: {note}expected grey with 16 bits" in named.err
 
 
@@ -425,25 +425,25 @@ def test_filter_says_that_no_frame_has_a_box_and_which_options_may_help(
 ):
     write_files(tmp_path / "town", files)
 
-    answer = bare_unghost("filter", "town", "-o", "out.jsonl")
+    result = bare_unghost("filter", "town", "-o", "out.jsonl")
 
-    assert answer.code == DONE
-    assert answer.err.endswith(said)
-    assert ("has a box" in answer.err) == (said != "")
+    assert result.code == DONE
+    assert result.err.endswith(said)
+    assert ("has a box" in result.err) == (said != "")
 
 
 def test_folder_without_a_known_layout_is_refused_by_its_name(bare_unghost, tmp_path):
     (tmp_path / "empty").mkdir()
 
-    answers = [
+    results = [
         bare_unghost("filter", "empty"),
         CommandLine(tmp_path / "empty", {})("filter", "."),
     ]
 
-    for answer in answers:
-        assert answer.code == REFUSED
-        assert "empty: no layout recognised" in answer.err
-        assert "Traceback" not in answer.err
+    for result in results:
+        assert result.code == REFUSED
+        assert "empty: no layout recognised" in result.err
+        assert "Traceback" not in result.err
 
 
 def test_folder_with_two_layouts_is_refused_with_the_option_that_chooses(
@@ -452,10 +452,10 @@ def test_folder_with_two_layouts_is_refused_with_the_option_that_chooses(
     labels = {"a.xml": "<annotation/>", "labels/1.txt": "", "data.yaml": "names: [car]"}
     write_files(tmp_path / "both", {**labels, "images/1.png": None})
 
-    answer = bare_unghost("filter", "both")
+    result = bare_unghost("filter", "both")
 
-    assert answer.code == REFUSED
-    assert "choose one, for example with --layout voc" in answer.err
+    assert result.code == REFUSED
+    assert "choose one, for example with --layout voc" in result.err
 
 
 def test_filter_lists_unmatched_files(bare_unghost, tmp_path):
@@ -467,22 +467,22 @@ def test_filter_lists_unmatched_files(bare_unghost, tmp_path):
     for stem in ("a", "b"):
         (tmp_path / "yolo" / "images" / f"{stem}.png").write_bytes(frame.read_bytes())
 
-    answer = bare_unghost("filter", "yolo", "-o", "out.jsonl")
+    result = bare_unghost("filter", "yolo", "-o", "out.jsonl")
     as_json = bare_unghost("filter", "yolo", "-o", "out.jsonl", "--json")
 
-    assert answer.code == PARTLY
-    assert "not matched: images/b.png" in answer.err
-    assert "1 unmeasured" in answer.out
+    assert result.code == PARTLY
+    assert "not matched: images/b.png" in result.err
+    assert "1 unmeasured" in result.out
     why = "no label file for this image"
     unmatched = [{"path": "images/b.png", "why": why}]
     assert as_json.records[0]["unmatched"] == unmatched
 
 
 def test_version_is_printed(bare_unghost):
-    answer = bare_unghost("--version")
+    result = bare_unghost("--version")
 
-    assert answer.code == DONE
-    assert answer.out.startswith("unghost 0.")
+    assert result.code == DONE
+    assert result.out.startswith("unghost 0.")
 
 
 def test_serve_prints_the_login_link_and_exits_on_sigint(bare_unghost, tmp_path):
@@ -495,13 +495,13 @@ def test_serve_prints_the_login_link_and_exits_on_sigint(bare_unghost, tmp_path)
             # Seldom: the server logs each request to a pipe that is not read yet.
             until(client.ready, every_s=1)
         opened = plain_http.post(f"{url}/api/v1/session", json={"code": code})
-        found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("dataset", "list")
+        listed = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("dataset", "list")
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)
 
     assert token not in link
     assert (opened.status_code, opened.json()["name"]) == (201, "admin")
-    assert found.code == DONE
+    assert listed.code == DONE
     assert process.returncode == DONE
     assert "Traceback" not in err
     assert (tmp_path / "here" / "token").stat().st_mode & 0o077 == 0
@@ -517,35 +517,29 @@ def test_serve_for_other_machines_says_how_a_host_name_is_allowed(bare_unghost):
     assert "under a host name they are refused (421) until it is in UNGHOST_ALL" in err
 
 
-def test_serve_on_a_port_in_use_is_refused(bare_unghost, server):
+@pytest.mark.parametrize("command", [("serve",), ("demo", "--frames", "1")])
+def test_port_in_use_is_refused_before_anything_is_rendered(
+    bare_unghost, server, tmp_path, command
+):
     port = server.url.rpartition(":")[2]
 
-    answer = bare_unghost("serve", "--data", "here", "--port", port)
+    result = bare_unghost(*command, "--data", "here", "--port", port)
 
-    assert answer.code == REFUSED
-    assert "cannot listen" in answer.err
-    assert "--port chooses another port" in answer.err
-    assert "Traceback" not in answer.err
-
-
-def test_demo_on_a_port_in_use_renders_nothing(bare_unghost, server, tmp_path):
-    port = server.url.rpartition(":")[2]
-
-    answer = bare_unghost("demo", "--data", "here", "--port", port, "--frames", "1")
-
-    assert answer.code == REFUSED
-    assert "cannot listen" in answer.err
+    assert result.code == REFUSED
+    assert "cannot listen" in result.err
+    assert "--port chooses another port" in result.err
+    assert "Traceback" not in result.err
     assert not (tmp_path / "here" / "demo").exists()
 
 
 def test_serve_on_an_address_of_another_machine_is_refused(bare_unghost):
-    answer = bare_unghost(
+    result = bare_unghost(
         "serve", "--data", "here", "--host", "192.0.2.1", "--port", "0"
     )
 
-    assert answer.code == REFUSED
-    assert "--host takes an address of this machine" in answer.err
-    assert "another server" not in answer.err
+    assert result.code == REFUSED
+    assert "--host takes an address of this machine" in result.err
+    assert "another server" not in result.err
 
 
 @pytest.mark.long
@@ -568,10 +562,10 @@ def test_demo_renders_once_filters_and_prints_a_login_link(bare_unghost, tmp_pat
 def test_convert_without_a_server_writes_every_box(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3)
 
-    answer = bare_unghost("convert", folder, "--to", "coco", "-o", "made", "--json")
+    result = bare_unghost("convert", folder, "--to", "coco", "-o", "made", "--json")
 
-    assert answer.code == DONE
-    assert answer.records == [
+    assert result.code == DONE
+    assert result.records == [
         {
             "output": "made",
             "frames": 3,
@@ -579,10 +573,10 @@ def test_convert_without_a_server_writes_every_box(bare_unghost, tmp_path):
             "boxes": {"in": 6, "out": 6, "dropped": 0},
         }
     ]
-    assert "classes in this order: car" in answer.err
+    assert "classes in this order: car" in result.err
     parts = [tmp_path / f"made/annotations/instances_{part}.json" for part in PARTS]
     made = [json.loads(part.read_text("utf-8")) for part in parts]
-    assert sum(len(one["annotations"]) for one in made) == 6
+    assert sum(len(labels["annotations"]) for labels in made) == 6
 
 
 PARTS = ("train", "val")
@@ -591,12 +585,12 @@ PARTS = ("train", "val")
 def test_convert_says_the_shares_of_parts_before_and_after(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3)
 
-    answer = bare_unghost(
+    result = bare_unghost(
         *("convert", folder, "--to", "coco", "-o", "made", "--split", "0,0.5,0.5")
     )
 
-    asked, came = (line for line in answer.err.splitlines() if "3 (100%)" in line)
-    assert asked.startswith("asked for train 0%: 0 (0%), val 50%: ")
+    shares, came = (line for line in result.err.splitlines() if "3 (100%)" in line)
+    assert shares.startswith("asked for train 0%: 0 (0%), val 50%: ")
     assert came.startswith("parts: ")
     assert "; sequences: " in came
     assert "3 frames are split by whole sequences" in came
@@ -612,13 +606,13 @@ def test_convert_with_filter_drops_rejected_boxes(bare_unghost, tmp_path):
 
     for options, kept in (((), 2), (("--config", config), 2)):
         target = tmp_path / f"made-{len(options)}"
-        answer = bare_unghost(
+        result = bare_unghost(
             "convert", folder, "--to", "yolo", "-o", target, "--filter", *options
         )
-        assert answer.code == PARTLY
-        assert "refused: run/000001" in answer.err
+        assert result.code == PARTLY
+        assert "refused: run/000001" in result.err
         labels = sorted((target / "labels").rglob("*.txt"))
-        assert sum(len(one.read_text().splitlines()) for one in labels) == kept
+        assert sum(len(file.read_text().splitlines()) for file in labels) == kept
         manifest = json.loads((target / "manifest.json").read_text("utf-8"))
         assert [row["reason"] for row in manifest["boxes"]] == ["no_visible_pixels"] * 2
 
@@ -633,20 +627,20 @@ def test_convert_with_filter_says_what_becomes_of_unmeasured_boxes(
     lines.write_text("\n".join(map(json.dumps, (first, *others))), "utf-8")
     option = () if keeps else ("-O", "include_unmeasured=false")
 
-    answer = bare_unghost(
+    result = bare_unghost(
         *("convert", tmp_path / "frames", "--to", "yolo", "-o", "made"),
         *("--filter", "--json", *option),
     )
 
-    (record,) = answer.records
+    (record,) = result.records
     images = list((tmp_path / "made/images").rglob("*.png"))
-    labels = [one.read_text() for one in (tmp_path / "made/labels").rglob("*.txt")]
-    written = sum(len(one.splitlines()) for one in labels)
+    labels = [text.read_text() for text in (tmp_path / "made/labels").rglob("*.txt")]
+    written = sum(len(text.splitlines()) for text in labels)
     if keeps:
-        assert "2 unmeasured boxes written as they came" in answer.err
+        assert "2 unmeasured boxes written as they came" in result.err
         assert (record["frames"], len(images), written) == (3, 3, 4)
     else:
-        assert "1 frames left out with their 2 unmeasured boxes" in answer.err
+        assert "1 frames left out with their 2 unmeasured boxes" in result.err
         assert (record["frames"], len(images), written) == (2, 2, 2)
     assert all(labels)
 
@@ -655,21 +649,21 @@ def test_convert_refuses_the_current_folder_as_output(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "empty").mkdir()
 
-    answer = CommandLine(tmp_path / "empty", {})(
+    result = CommandLine(tmp_path / "empty", {})(
         "convert", folder, "--to", "yolo", "-o", "."
     )
 
-    assert answer.code == REFUSED
-    assert "empty: expected a new folder, found this one" in answer.err
+    assert result.code == REFUSED
+    assert "empty: expected a new folder, found this one" in result.err
 
 
 def test_convert_refuses_an_output_folder_that_is_not_empty(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
 
-    answer = bare_unghost("convert", folder, "--to", "yolo", "-o", folder)
+    result = bare_unghost("convert", folder, "--to", "yolo", "-o", folder)
 
-    assert answer.code == REFUSED
-    assert "expected a new or an empty folder" in answer.err
+    assert result.code == REFUSED
+    assert "expected a new or an empty folder" in result.err
     assert (folder / "manifest.jsonl").is_file()
 
 
@@ -683,14 +677,14 @@ def test_convert_stops_before_it_writes_and_counts_what_the_list_has_too_many_of
     tags = segmentation_folder(tmp_path / "tags")
     convert = ("convert", folder, "--segmentation", tags, "--filter", "--to", "kitti")
 
-    answer = bare_unghost(*convert, "-o", "one")
+    result = bare_unghost(*convert, "-o", "one")
     write_files(folder, {"a.txt": LABELS.replace("0 ", "2 ", 1)})
     stopped = bare_unghost(*convert, "-o", "two")
     unfiltered = bare_unghost(*convert[:4], *convert[5:], "-o", "three")
 
-    assert answer.code == PARTLY
-    assert "1 box is unmeasured and written as it came" in answer.err
-    assert "dragon (1); --class-map" in answer.err
+    assert result.code == PARTLY
+    assert "1 box is unmeasured and written as it came" in result.err
+    assert "dragon (1); --class-map" in result.err
     assert (stopped.code, (tmp_path / "two").exists()) == (REFUSED, False)
     assert "2 of 3 boxes have a class that the filter does not know" in stopped.err
     assert unfiltered.code == DONE, unfiltered.err

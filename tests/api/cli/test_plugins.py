@@ -44,16 +44,16 @@ def test_plugin_is_recognised_named_and_described(command, tmp_path):
     described = shutil.copytree(RECORDING, tmp_path / "described")
     (described / "recording.yaml").write_text("layout: corners\n")
 
-    answers = [
+    results = [
         command("filter", RECORDING),
         command("filter", RECORDING, "--layout", "corners"),
         command("filter", described),
     ]
 
-    for answer in answers:
-        assert answer.code == DONE, answer.err
-        assert [one["key"] for one in answer.records] == ["1", "2"]
-        verdicts = [each["verdict"] for each in answer.records[0]["decisions"]]
+    for result in results:
+        assert result.code == DONE, result.err
+        assert [record["key"] for record in result.records] == ["1", "2"]
+        verdicts = [each["verdict"] for each in result.records[0]["decisions"]]
         assert verdicts == ["kept", "rejected"]
     converted = command("convert", RECORDING, "--to", "coco", "--output", "coco")
     assert converted.code == DONE, converted.err
@@ -91,7 +91,7 @@ def test_plugin_is_read_by_push_and_the_service(command, site, tmp_path):
             head, *frames, end = lines_of(response.text)
             assert (head["layout"], head["layouts"]) == ("corners", ["corners"])
             assert head["titles"] == {"corners": "Corner files"}
-            assert [len(one["annotation"]["boxes"]) for one in frames] == [2, 2]
+            assert [len(frame["annotation"]["boxes"]) for frame in frames] == [2, 2]
             assert (end["frames"], end["faulty"], end["unmatched"]) == (2, 0, 0)
         response = post_folder(server, files, "corner")
         assert response.status_code == 422
@@ -132,11 +132,11 @@ def test_broken_plugin_is_named_with_its_package_and_hinders_nothing(site, tmp_p
     package(packages, "other", ["angles = unghost_corners"])
     command = CommandLine(tmp_path, {"PYTHONPATH": f"{packages}:{site}:{CHECKOUT}"})
 
-    answer = command("filter", write_manifest(tmp_path / "frames", 1))
+    result = command("filter", write_manifest(tmp_path / "frames", 1))
     own = command("filter", RECORDING)
     named = command("filter", RECORDING, "--layout", "torn")
 
-    assert (answer.code, own.code) == (DONE, DONE), answer.err + own.err
+    assert (result.code, own.code) == (DONE, DONE), result.err + own.err
     for sentence in (
         "the plug-in 'torn' of the package broken 1.0 is not used: "
         "ModuleNotFoundError: No module named 'no_such_module'",
@@ -149,7 +149,7 @@ def test_broken_plugin_is_named_with_its_package_and_hinders_nothing(site, tmp_p
         "the plug-in 'angles' of the package other 1.0 is not used: its format is "
         "called 'corners'; expected the name of the entry point",
     ):
-        assert sentence in answer.err
+        assert sentence in result.err
         assert sentence in own.err
     assert named.code == REFUSED
     assert "'torn' of the package broken 1.0 is not used: ModuleNot" in named.err

@@ -53,19 +53,19 @@ def elsewhere(tmp_path, url) -> CommandLine:
     return CommandLine(tmp_path, settings)
 
 
-def findings_by_check(answer):
-    return {found["check"]: found for found in answer.records}
+def findings_by_check(result):
+    return {finding["check"]: finding for finding in result.records}
 
 
 def test_doctor_finds_no_fault_in_a_healthy_database(filled, unghost):
-    answer = unghost("doctor", "--verify", "--json")
+    result = unghost("doctor", "--verify", "--json")
 
-    assert [found["check"] for found in answer.records] == CHECKS
-    wrong = [found for found in answer.records if found["severity"] != "ok"]
+    assert [finding["check"] for finding in result.records] == CHECKS
+    wrong = [finding for finding in result.records if finding["severity"] != "ok"]
     # The PostgreSQL of the tests may be set up so that doctor warns of its durability.
-    assert {found["check"] for found in wrong} <= {"durability"}
-    assert answer.code in (0, WARNED)
-    assert findings_by_check(answer)["database"]["found"].startswith("PostgreSQL ")
+    assert {finding["check"] for finding in wrong} <= {"durability"}
+    assert result.code in (0, WARNED)
+    assert findings_by_check(result)["database"]["found"].startswith("PostgreSQL ")
 
 
 @pytest.mark.long
@@ -83,22 +83,22 @@ def test_doctor_finds_no_fault_in_a_healthy_database(filled, unghost):
 def test_doctor_finds_database_faults(filled, unghost, url, statements, check, text):
     change(url, *statements)
 
-    answer = unghost("doctor", "--json")
+    result = unghost("doctor", "--json")
 
-    found = findings_by_check(answer)[check]
-    assert text in found["found"]
-    assert found["todo"]
-    assert answer.code in (REFUSED, WARNED)
+    finding = findings_by_check(result)[check]
+    assert text in finding["found"]
+    assert finding["todo"]
+    assert result.code in (REFUSED, WARNED)
 
 
 @pytest.mark.long
 def test_doctor_warns_of_synchronous_commit_off(filled, unghost, url):
     change(url, f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off")
 
-    found = findings_by_check(unghost("doctor", "--json"))["durability"]
+    finding = findings_by_check(unghost("doctor", "--json"))["durability"]
 
-    assert found["severity"] == "warning"
-    assert "synchronous_commit = off" in found["found"]
+    assert finding["severity"] == "warning"
+    assert "synchronous_commit = off" in finding["found"]
 
 
 @pytest.mark.long
@@ -113,7 +113,7 @@ def test_unreachable_database_error_does_not_show_the_password(
     at = place.format(server=f"{server.host}:{server.port}")
     unghost = elsewhere(tmp_path, f"postgresql://postgres:{SECRET}@{at}")
 
-    answers = [
+    results = [
         unghost("doctor"),
         unghost("serve", "--port", "0"),
         unghost("backup", tmp_path / "kept"),
@@ -121,8 +121,8 @@ def test_unreachable_database_error_does_not_show_the_password(
         unghost("token", "create", "ada", "--offline"),
     ]
 
-    assert [answer.code for answer in answers] == [REFUSED] * len(answers)
-    told = [f"{answer.out}{answer.err}" for answer in answers]
+    assert [result.code for result in results] == [REFUSED] * len(results)
+    told = [f"{result.out}{result.err}" for result in results]
     assert SECRET not in "".join(told)
     assert "Traceback" not in "".join(told)
     for index in (0, 1, 3, 4):
@@ -133,13 +133,13 @@ def test_unreachable_database_error_does_not_show_the_password(
 def test_unsupported_database_url_is_a_usage_error(tmp_path):
     unghost = elsewhere(tmp_path, f"mysql://root:{SECRET}@db/boxes")
 
-    answers = [unghost("doctor"), unghost("serve")]
+    results = [unghost("doctor"), unghost("serve")]
 
-    assert [answer.code for answer in answers] == [USAGE, USAGE]
-    for answer in answers:
-        assert "UNGHOST_DATABASE_URL" in answer.err
-        assert "'mysql' is not supported" in answer.err
-        assert SECRET not in answer.err
+    assert [result.code for result in results] == [USAGE, USAGE]
+    for result in results:
+        assert "UNGHOST_DATABASE_URL" in result.err
+        assert "'mysql' is not supported" in result.err
+        assert SECRET not in result.err
 
 
 @pytest.mark.long
@@ -173,17 +173,17 @@ def test_token_created_offline_authenticates_at_the_service(filled, unghost, url
     assert (made.code, again.code, bad.code) == (0, REFUSED, USAGE)
     assert "a token named 'ada' exists already" in again.err
     assert (session["name"], session["role"]) == ("ada", "admin")
-    acts = [[one[key] for key in ("actor", "action", "subject")] for one in entries]
+    acts = [[entry[key] for key in ("actor", "action", "subject")] for entry in entries]
     assert ["unghost", "token.created", "ada"] in acts
 
 
 @pytest.mark.long
 def test_offline_token_create_refuses_an_empty_database(tmp_path):
     with empty_postgres() as url:
-        answer = elsewhere(tmp_path, url)("token", "create", "ada", "--offline")
+        result = elsewhere(tmp_path, url)("token", "create", "ada", "--offline")
 
-    assert answer.code == REFUSED
-    assert "start `unghost serve` once" in answer.err
+    assert result.code == REFUSED
+    assert "start `unghost serve` once" in result.err
 
 
 def test_backup_and_restore_with_postgres_are_refused_with_advice(
@@ -234,7 +234,11 @@ def test_pg_dump_and_copy_of_the_files_can_be_restored(filled, tmp_path, url):
                 boxes = api.boxes(dataset["name"])
                 again = api.upload_frame(dataset["name"], "new")
 
-    assert {found["severity"] for found in looked.records} <= {"ok", "note", "warning"}
+    assert {finding["severity"] for finding in looked.records} <= {
+        "ok",
+        "note",
+        "warning",
+    }
     assert findings_by_check(looked)["files"]["severity"] == "ok"
     assert len(boxes) == 4
     assert again["decisions"][0]["verdict"] == "kept"

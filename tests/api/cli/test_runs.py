@@ -62,12 +62,12 @@ def test_interrupting_with_cancel_on_interrupt_cancels_the_run(unghost, slow):
 def test_cancel_on_interrupt_without_wait_is_refused(unghost, tmp_path):
     (tmp_path / "filter.yaml").write_text("min_visible_pixels: 3")
 
-    answer = unghost(
+    result = unghost(
         *("run", "town", "--config", "filter.yaml", "--cancel-on-interrupt")
     )
 
-    assert answer.code == 2
-    assert "--cancel-on-interrupt is for --wait" in answer.err
+    assert result.code == 2
+    assert "--cancel-on-interrupt is for --wait" in result.err
 
 
 def test_cancel_command_cancels_a_run_and_waiting_for_it_fails(unghost, slow):
@@ -88,11 +88,11 @@ def test_cancel_command_cancels_a_run_and_waiting_for_it_fails(unghost, slow):
 def test_run_wait_prints_progress(unghost, slow):
     *_, dataset = slow
 
-    answer = unghost("run", dataset, "--config", "strict.yaml", "--wait")
+    result = unghost("run", dataset, "--config", "strict.yaml", "--wait")
 
-    assert answer.code == DONE
-    assert f"{FRAMES} of {FRAMES} frames" in answer.err
-    assert f"0 kept, {2 * FRAMES} rejected" in answer.out
+    assert result.code == DONE
+    assert f"{FRAMES} of {FRAMES} frames" in result.err
+    assert f"0 kept, {2 * FRAMES} rejected" in result.out
 
 
 def test_diff_command_compares_two_runs_per_class(unghost, slow):

@@ -141,16 +141,16 @@ def test_a_recording_in_its_own_format_lacks_only_the_ghost(
     source = write_files(tmp_path / "data", files)
     before = tree(source)
 
-    answer = bare_unghost(
+    result = bare_unghost(
         *("convert", source, "--filter", "--to", "same", "-o", "clean", "--json")
     )
 
-    assert answer.code == DONE, answer.err
+    assert result.code == DONE, result.err
     expected = {name: text.encode() for name, text in without_ghost.items()}
     assert tree(tmp_path / "clean") == before | expected
     assert tree(source) == before
-    assert "taken away: car 1 (no_visible_pixels 1)" in answer.err.lower()
-    (record,) = answer.records
+    assert "taken away: car 1 (no_visible_pixels 1)" in result.err.lower()
+    (record,) = result.records
     assert record["boxes"] == {"in": 2, "out": 1, "dropped": 1}
     (reasons,) = record["taken_away"].values()
     assert reasons == {"no_visible_pixels": 1}
@@ -162,13 +162,13 @@ def test_a_format_to_itself_is_the_same_without_a_filter(
 ):
     source = write_files(tmp_path / "data", EXAMPLES[layout][0])
 
-    answer = bare_unghost("convert", source, "--to", layout, "-o", "copy")
+    result = bare_unghost("convert", source, "--to", layout, "-o", "copy")
     anew = bare_unghost(
         *("convert", source, "--to", layout, "-o", "anew", "-O", "images=none")
     )
 
-    assert (answer.code, anew.code) == (DONE, DONE)
-    assert answer.out == "copy\t1 frames\t2 of 2 boxes\n"
+    assert (result.code, anew.code) == (DONE, DONE)
+    assert result.out == "copy\t1 frames\t2 of 2 boxes\n"
     assert tree(tmp_path / "copy") == tree(source)
     assert (tmp_path / "anew/manifest.json").is_file()
 
@@ -192,10 +192,10 @@ def test_what_cannot_be_written_as_it_came_is_refused_with_the_reason(
     bands = bare_unghost("convert", tmp_path / "coco", "--filter", *same, "out")
     rows = bare_unghost("convert", table, *same, "out")
 
-    assert [one.code for one in (inside, around, rows, bands)] == [REFUSED] * 4
+    assert [result.code for result in (inside, around, rows, bands)] == [REFUSED] * 4
     assert option.code == USAGE
-    for answer in (inside, around):
-        assert "expected a folder outside of the recording" in answer.err
+    for result in (inside, around):
+        assert "expected a folder outside of the recording" in result.err
     assert "--option split is for labels that are written anew" in option.err
     assert "has boxes of instances_train.json again under other ids" in bands.err
     assert "layout table cannot be written as it came" in rows.err
@@ -211,10 +211,10 @@ def test_frames_that_cannot_be_read_keep_their_labels(bare_unghost, tmp_path):
     }
     source = write_files(tmp_path / "data", files)
 
-    answer = bare_unghost("convert", source, "--filter", "--to", "same", "-o", "clean")
+    result = bare_unghost("convert", source, "--filter", "--to", "same", "-o", "clean")
 
-    assert answer.code == PARTLY
-    assert "the labels of 1 refused frames were copied as they are" in answer.err
+    assert result.code == PARTLY
+    assert "the labels of 1 refused frames were copied as they are" in result.err
     bad = (tmp_path / "clean/train/labels/bad.txt").read_text()
     assert bad == "0 one two three four\n"
 
@@ -234,9 +234,9 @@ def test_links_are_followed_out_of_the_folder_and_never_written_through(
     write_files(source, {"notes/a.txt": "a"})
     (source / "notes/b.txt").symlink_to("a.txt")
 
-    answer = bare_unghost("convert", source, "--filter", "--to", "same", "-o", "clean")
+    result = bare_unghost("convert", source, "--filter", "--to", "same", "-o", "clean")
 
-    assert answer.code == DONE, answer.err
+    assert result.code == DONE, result.err
     assert tree(whole) == before
     clean = tmp_path / "clean"
     name = "training/label_2/000007.txt"
@@ -252,11 +252,11 @@ def test_links_are_followed_out_of_the_folder_and_never_written_through(
 def test_of_a_coco_file_that_is_named_its_images_come_along(bare_unghost, tmp_path):
     files, without_ghost = EXAMPLES["coco"]
     more = {"annotations/7.png": PICTURE, "seg/000007.png": STREET, "other.bin": b"1"}
-    (text,) = (one for one in files.values() if isinstance(one, str))
+    (text,) = (content for content in files.values() if isinstance(content, str))
     (left,) = without_ghost.values()
     write_files(tmp_path / "data", {"a.json": text, "000007.png": PICTURE, **more})
 
-    answer = bare_unghost(
+    result = bare_unghost(
         *("convert", "data/a.json", "--filter", "--to", "same", "-o", "clean", "--json")
     )
 
@@ -266,7 +266,7 @@ def test_of_a_coco_file_that_is_named_its_images_come_along(bare_unghost, tmp_pa
         "a.json",
         "seg/000007.png",
     ]
-    assert answer.code == PARTLY  # one image is in no COCO file
+    assert result.code == PARTLY  # one image is in no COCO file
 
 
 def test_an_export_of_a_pushed_recording_has_the_bytes_of_its_label_files(
@@ -277,16 +277,16 @@ def test_an_export_of_a_pushed_recording_has_the_bytes_of_its_label_files(
     names = ("training/label_2/000007.txt", "training/calib/000007.txt")
 
     pushed = unghost("push", source, "--dataset", "same-kitti")
-    answer = unghost(
+    result = unghost(
         *("export", "same-kitti", "--format", "kitti", "-o", "export.zip"),
         *("-O", "split=1"),
     )
 
-    assert (pushed.code, answer.code) == (DONE, DONE), pushed.err + answer.err
+    assert (pushed.code, result.code) == (DONE, DONE), pushed.err + result.err
     expected = {**files, **without_ghost}
     with zipfile.ZipFile(tmp_path / "export.zip") as archive:
-        found = {name: archive.read(name).decode() for name in names}
+        contents = {name: archive.read(name).decode() for name in names}
         manifest = json.loads(archive.read("manifest.json"))
-    assert found == {name: expected[name] for name in names}
+    assert contents == {name: expected[name] for name in names}
     assert manifest["counts"]["boxes"]["dropped"] == 1
     assert manifest["frames_as_they_came"] == 1

@@ -28,7 +28,7 @@ def test_small_experiment_runs(tmp_path):
     subprocess.run([*command, "--python", TORCH], cwd=CHECKOUT, check=True)
 
     (report,) = tmp_path.glob("*/report.json")
-    found = json.loads(report.read_text())
-    assert list(found["arms"]) == ["raw", "perfect"]
-    assert {one["trials"] for one in found["arms"].values()} == {1}
-    assert found["noise"]["frames"] == 12
+    experiment = json.loads(report.read_text())
+    assert list(experiment["arms"]) == ["raw", "perfect"]
+    assert {arm["trials"] for arm in experiment["arms"].values()} == {1}
+    assert experiment["noise"]["frames"] == 12

@@ -97,24 +97,24 @@ def test_revoked_token_is_refused(unghost, by):
     ],
 )
 def test_failed_token_command_prints_the_reason(unghost, words, code, said):
-    answer = unghost("token", *words)
+    result = unghost("token", *words)
 
-    assert answer.code == code
-    assert said in answer.err
-    assert "Traceback" not in answer.err
+    assert result.code == code
+    assert said in result.err
+    assert "Traceback" not in result.err
 
 
 def test_token_and_audit_commands_need_the_role_admin(unghost):
     token = unghost("token", "create", "curious").out.strip()
 
-    answers = [
+    results = [
         unghost("token", "list", "--token", token),
         unghost("token", "create", "more", "--token", token),
         unghost("audit", "--token", token),
     ]
 
-    assert {answer.code for answer in answers} == {REFUSED}
-    assert all("needs the role admin" in answer.err for answer in answers)
+    assert {result.code for result in results} == {REFUSED}
+    assert all("needs the role admin" in result.err for result in results)
 
 
 def test_audit_command_lists_actor_action_and_subject(unghost):
@@ -128,5 +128,8 @@ def test_audit_command_lists_actor_action_and_subject(unghost):
         ["admin", "token.revoked", "watched"],
         ["admin", "token.created", "watched"],
     ]
-    assert [one["action"] for one in records[:2]] == ["token.revoked", "token.created"]
+    assert [record["action"] for record in records[:2]] == [
+        "token.revoked",
+        "token.created",
+    ]
     assert "ug_" not in plain.out

@@ -11,12 +11,12 @@ def test_unreadable_frame_files_are_refused_with_a_clear_message(unghost, tmp_pa
     with (folder / "manifest.jsonl").open("a") as manifest:
         manifest.write("{nothing\n")
 
-    answer = unghost("push", folder, "--dataset", "unreadable")
+    result = unghost("push", folder, "--dataset", "unreadable")
     again = unghost("filter", folder, "-o", "decisions.jsonl")
 
-    assert (answer.code, again.code) == (EXIT_PARTLY, EXIT_PARTLY)
+    assert (result.code, again.code) == (EXIT_PARTLY, EXIT_PARTLY)
     missing = folder / "seg" / "000001.png"
-    assert f"refused: run/000001: {missing}: No such file or directory\n" in answer.err
-    for said in (answer.err, again.err):
+    assert f"refused: run/000001: {missing}: No such file or directory\n" in result.err
+    for said in (result.err, again.err):
         assert "refused: manifest.jsonl, line 3: expected one JSON object" in said
         assert "Errno" not in said

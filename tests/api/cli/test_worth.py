@@ -24,14 +24,14 @@ def trainer(tmp_path: Path) -> str:
 
 
 def test_label_noise_is_counted_and_drawn(bare_unghost, folder, tmp_path):
-    answer = bare_unghost(
+    result = bare_unghost(
         *("worth-it", folder, "--no-train", "--json"), "--html", tmp_path / "noise.html"
     )
 
-    assert answer.code == DONE
-    (result,) = answer.records
-    assert (result["frames"], result["objects"], result["ghosts"]) == (8, 8, 8)
-    ghosts = {name: one["kept_hidden"] for name, one in result["arms"].items()}
+    assert result.code == DONE
+    (record,) = result.records
+    assert (record["frames"], record["objects"], record["ghosts"]) == (8, 8, 8)
+    ghosts = {name: arm["kept_hidden"] for name, arm in record["arms"].items()}
     assert (ghosts["raw"], ghosts["paper"], ghosts["auto"]) == (8, 8, 0)
     page = (tmp_path / "noise.html").read_text()
     assert "8 frames have 16 boxes: 8 objects, 8 ghosts, 0 doubtful." in page
@@ -77,7 +77,7 @@ def test_experiment_trains_each_arm_and_continues(
         f"{arm} {seed}" for seed in (0, 1) for arm in ("raw", "depth", "random")
     ]
     (result,) = second.records
-    scores = {name: one["map50"]["value"] for name, one in result["arms"].items()}
+    scores = {name: arm["map50"]["value"] for name, arm in result["arms"].items()}
     assert (scores["raw"], scores["depth"]) == (pytest.approx(0.5, abs=0.01), 1.0)
     assert result["arms"]["raw"]["means"]["on_ghosts"] == 1.0
     assert result["differences"]["depth"]["map50"]["shown"]
@@ -99,8 +99,8 @@ def test_label_files_of_an_arm_hold_its_boxes_in_both_formats(
         for part, expected in (("train", boxes), ("val", 1)):
             texts = sorted((place / "labels" / part).glob("*.txt"))
             images = sorted((place / "images" / part).glob("*.png"))
-            assert [one.stem for one in texts] == [one.stem for one in images]
-            assert [len(one.read_text().splitlines()) for one in texts] == [
+            assert [path.stem for path in texts] == [path.stem for path in images]
+            assert [len(path.read_text().splitlines()) for path in texts] == [
                 expected
             ] * 4
             coco = json.loads(
@@ -110,7 +110,7 @@ def test_label_files_of_an_arm_hold_its_boxes_in_both_formats(
             assert images[0].stat().st_ino == (folder / "image.png").stat().st_ino
         line = (place / "labels/train/train__0000.txt").read_text().splitlines()[0]
         number, *numbers = line.split()
-        x, y, width, height = (float(one) for one in numbers)
+        x, y, width, height = (float(number) for number in numbers)
         box = json.loads((place / "annotations/instances_train.json").read_text())
         assert number == "0"
         assert box["annotations"][0]["bbox"] == pytest.approx(
@@ -157,18 +157,18 @@ def test_experiments_of_several_machines_are_joined(
     ],
 )
 def test_refusals_say_what_helps(bare_unghost, folder, words, code, said):
-    answer = bare_unghost("worth-it", folder, *words)
+    result = bare_unghost("worth-it", folder, *words)
 
-    assert answer.code == code
-    assert said in " ".join(answer.err.replace("│", " ").split())
+    assert result.code == code
+    assert said in " ".join(result.err.replace("│", " ").split())
 
 
 @pytest.mark.skipif(find_spec("torch") is not None, reason="torch is installed")
 def test_without_torch_the_built_in_trainer_names_the_remedy(bare_unghost, folder):
-    answer = bare_unghost("worth-it", folder, "-o", "new")
+    result = bare_unghost("worth-it", folder, "-o", "new")
 
-    assert answer.code == REFUSED
-    assert "pip install 'unghost[train]'" in answer.err
+    assert result.code == REFUSED
+    assert "pip install 'unghost[train]'" in result.err
     assert not (bare_unghost.folder / "new").exists()
 
 

@@ -33,7 +33,7 @@ def test_it_has_the_methods_of_the_client():
     assert all(methods(AsyncClient).values())
     for name in ("push", "wait", "wait_for_export", "download", "events"):
         own, other = (
-            inspect.signature(getattr(one, name)) for one in (AsyncClient, Client)
+            inspect.signature(getattr(client, name)) for client in (AsyncClient, Client)
         )
         assert list(own.parameters) == list(other.parameters)
 
@@ -58,7 +58,7 @@ def test_frames_are_sent_read_and_listed(awaited, dataset):
         return stored, listed, keys, columns, table
 
     stored, listed, keys, columns, table = awaited(use)
-    assert [one.created for one in stored] == [True] * 4
+    assert [frame.created for frame in stored] == [True] * 4
     assert listed == columns["box"] == table["box"].to_pylist() == ["real", "ghost"] * 4
     assert keys == [f"run/{number}" for number in range(4)]
 
@@ -78,7 +78,7 @@ def test_jobs_files_and_pushes_are_followed(awaited, dataset, tmp_path):
             async for outcome in client.push(dataset, sent, progress=counted.append)
         ]
         run = await client.wait(await client.set_config(dataset, {"profile": "paper"}))
-        states = [one.state async for one in client.events(run)]
+        states = [event.state async for event in client.events(run)]
         export = await client.wait_for_export(
             await client.start_export(dataset, "yolo")
         )
@@ -86,7 +86,7 @@ def test_jobs_files_and_pushes_are_followed(awaited, dataset, tmp_path):
         return outcomes, run, states, file
 
     outcomes, run, states, file = awaited(use)
-    assert sorted(one.key for one in outcomes) == [one.key for one in sent]
+    assert sorted(outcome.key for outcome in outcomes) == [frame.key for frame in sent]
     assert counted == [1, 2, 3]
     assert (run.state, states[-1]) == ("done", "done")
     assert file.read_bytes()[:2] == b"PK"
@@ -94,17 +94,17 @@ def test_jobs_files_and_pushes_are_followed(awaited, dataset, tmp_path):
 
 def test_errors_are_those_of_the_client(awaited, dataset):
     async def use(client):
-        known = await client.create_dataset(dataset, exist_ok=True, classes=["van"])
+        existing = await client.create_dataset(dataset, exist_ok=True, classes=["van"])
         with pytest.raises(Conflict):
             await client.create_dataset(dataset)
         with pytest.raises(NotFound):
             await client.dataset("nowhere")
         with pytest.raises(NotFound):
             [box async for box in client.boxes("nowhere")]
-        return known, await client.ready()
+        return existing, await client.ready()
 
-    known, ready = awaited(use)
-    assert (known.classes, ready) == (("car",), True)
+    existing, ready = awaited(use)
+    assert (existing.classes, ready) == (("car",), True)
 
 
 def test_it_waits_for_a_server_that_is_away():

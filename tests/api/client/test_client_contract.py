@@ -34,8 +34,8 @@ def test_put_frame_accepts_file_paths(client, dataset, tmp_path):
 
 def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled_dataset):
     seen = client.select_boxes(filled_dataset, verdict="rejected", class_name="car")
-    (one, *_) = client.boxes(filled_dataset, verdict="rejected")
-    client.review(one.box_id, "reject", seen_revision=one.revision)
+    (box, *_) = client.boxes(filled_dataset, verdict="rejected")
+    client.review(box.box_id, "reject", seen_revision=box.revision)
 
     with pytest.raises(
         unghost.StaleReview, match="boxes now, 3 when they were listed"

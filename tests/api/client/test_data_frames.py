@@ -134,7 +134,7 @@ def test_what_is_no_picture_is_refused_with_what_was_found(
 
 
 @pytest.mark.parametrize(
-    ("known", "model", "others"),
+    ("options", "model", "others"),
     [
         (
             keywords.BoxFilters,
@@ -149,8 +149,8 @@ def test_what_is_no_picture_is_refused_with_what_was_found(
         (keywords.CropOptions, wire.CropQuery, {"v"}),
     ],
 )
-def test_keywords_are_the_fields_of_the_api(known, model, others):
-    assert set(known.__annotations__) == set(model.model_fields) - others
+def test_keywords_are_the_fields_of_the_api(options, model, others):
+    assert set(options.__annotations__) == set(model.model_fields) - others
 
 
 def test_files_of_a_frame_are_those_of_the_api():

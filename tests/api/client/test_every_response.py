@@ -48,8 +48,8 @@ class ResponseCollector:
             (method.upper(), path, int(status)): _model(content["application/json"])
             for path, methods in document["paths"].items()
             for method, route in methods.items()
-            for status, answer in route["responses"].items()
-            for content in [answer.get("content", {})]
+            for status, response in route["responses"].items()
+            for content in [response.get("content", {})]
             if status.startswith("2") and "application/json" in content
         }
         self.got: defaultdict[Place, list[Any]] = defaultdict(list)
@@ -59,17 +59,17 @@ class ResponseCollector:
         if response.headers.get("content-type") != "application/json":
             return
         response.read()
-        asked = response.request.method, response.request.url.path
+        request = response.request.method, response.request.url.path
         # The path with the fewest names in it: /boxes/table is no box.
         path = min(
             (
                 path
                 for method, path, _ in self.models
-                if method == asked[0] and re.fullmatch(_pattern(path), asked[1])
+                if method == request[0] and re.fullmatch(_pattern(path), request[1])
             ),
             key=lambda path: path.count("{"),
         )
-        place = (asked[0], path, response.status_code)
+        place = (request[0], path, response.status_code)
         self.got[place].append(response.json())
 
 
@@ -77,10 +77,10 @@ def _model(content: Any) -> type[ResponseModel]:
     name = _name(content["schema"])
     item = re.fullmatch("Page_(.*)_", name)
     model = getattr(wire, item[1] if item else name)
-    found: object = wire.Page.__class_getitem__(model) if item else model
-    assert isinstance(found, type)
-    assert issubclass(found, ResponseModel)
-    return found
+    response_model: object = wire.Page.__class_getitem__(model) if item else model
+    assert isinstance(response_model, type)
+    assert issubclass(response_model, ResponseModel)
+    return response_model
 
 
 def _name(schema: Any) -> str:
@@ -144,8 +144,8 @@ def call_access_routes(api: Api) -> None:
 
 
 def call_hook_routes(api: Api, street: str) -> None:
-    wanted = {"url": "http://127.0.0.1:9/", "dataset": street}
-    made = successful_json(api.post("/hooks", wanted))
+    body = {"url": "http://127.0.0.1:9/", "dataset": street}
+    made = successful_json(api.post("/hooks", body))
     successful_json(api.post(f"/hooks/{made['id']}/ping"))
     assert api.json("/hooks")["items"]
     assert api.json(f"/hooks/{made['id']}/deliveries")["items"]
@@ -158,12 +158,10 @@ def call_frame_routes(api: Api, street: str) -> None:
     for frame in api.json(f"/datasets/{street}/frames")["items"]:
         assert api.json(f"/frames/{frame['id']}")["boxes"]
     api.json(f"/datasets/{street}/frames/d")
-    known = {"keys": ["run/a", "d", "unknown"]}
+    body = {"keys": ["run/a", "d", "unknown"]}
     assert (
         len(
-            successful_json(api.post(f"/datasets/{street}/known-frames", known))[
-                "items"
-            ]
+            successful_json(api.post(f"/datasets/{street}/known-frames", body))["items"]
         )
         == 2
     )
@@ -252,8 +250,8 @@ def call_dataset_routes(api: Api, street: str) -> None:
 
 
 def test_every_json_response_has_every_field_of_its_model(api, street):
-    answers = ResponseCollector(successful_json(api.http.get("/openapi.json")))
-    api.http.event_hooks["response"].append(answers.keep)
+    collector = ResponseCollector(successful_json(api.http.get("/openapi.json")))
+    api.http.event_hooks["response"].append(collector.keep)
 
     call_access_routes(api)
     call_hook_routes(api, street)
@@ -265,10 +263,10 @@ def test_every_json_response_has_every_field_of_its_model(api, street):
     renamed = f"{BASE}/datasets/{api.dataset()}/classes/van"
     api.wait_for_job(api.http.patch(renamed, json={"name": "minivan"}))
 
-    assert answers.got.keys() == answers.models.keys() - CANCELS
-    for place, bodies in answers.got.items():
+    assert collector.got.keys() == collector.models.keys() - CANCELS
+    for place, bodies in collector.got.items():
         for body in bodies:
-            assert_matches_model(answers.models[place], body)
+            assert_matches_model(collector.models[place], body)
 
 
 def test_job_events_have_every_field_of_their_model(api, street):
@@ -291,7 +289,7 @@ def test_job_events_have_every_field_of_their_model(api, street):
 def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
     name = api.dataset()
     archive = [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
-    asked = {
+    responses = {
         f"{BASE}/folders": api.http.post(
             f"{BASE}/folders", content=folder, headers=archives.TAR
         ),
@@ -309,9 +307,9 @@ def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
         if LINES in content
     }
 
-    assert asked.keys() == described.keys()
+    assert responses.keys() == described.keys()
     for path, names in described.items():
-        lines = archives.lines_of(asked[path].text)
+        lines = archives.lines_of(responses[path].text)
         kinds = [_kind_of(line, names) for line in lines]
         assert set(kinds) == set(names)
         for line, kind in zip(lines, kinds, strict=True):

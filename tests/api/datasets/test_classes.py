@@ -165,7 +165,7 @@ def test_class_without_boxes_is_removed(api):
 
 
 def boxes_of(*classes):
-    boxes = [{"id": one, "class": one, "xyxy": scene.ON_THE_CAR} for one in classes]
+    boxes = [{"id": name, "class": name, "xyxy": scene.ON_THE_CAR} for name in classes]
     return scene.annotation_of(*boxes)
 
 
@@ -219,15 +219,18 @@ def test_only_a_format_with_class_numbers_freezes_the_classes(api, form, is_froz
 
     exported(api, name, form)
     removed = api.delete(f"/datasets/{name}/classes/bus")
-    answer = change(api, name, "car", name="auto")
+    response = change(api, name, "car", name="auto")
 
     assert api.json(f"/datasets/{name}")["classes_frozen"] is is_frozen
     if is_frozen:
-        assert (answer.status_code, answer.json()["code"]) == (409, "classes_frozen")
-        assert "configuration with `classes: {car: NAME}`" in answer.json()["detail"]
+        assert (response.status_code, response.json()["code"]) == (
+            409,
+            "classes_frozen",
+        )
+        assert "configuration with `classes: {car: NAME}`" in response.json()["detail"]
         assert removed.json()["code"] == "classes_frozen"
     else:
-        assert (answer.status_code, removed.status_code) == (202, 204)
+        assert (response.status_code, removed.status_code) == (202, 204)
 
 
 @pytest.mark.parametrize(
@@ -244,12 +247,12 @@ def test_only_a_format_with_class_numbers_freezes_the_classes(api, form, is_froz
 def test_change_that_cannot_be_made_is_refused(api, former, body, status, code):
     name = api.dataset(classes=["car", "bus"])
 
-    answer = change(api, name, former, **body)
+    response = change(api, name, former, **body)
 
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert (response.status_code, response.json()["code"]) == (status, code)
     if status == 404:
         meant = "car" if former == "cra" else "bus"
-        assert f"did you mean '{meant}'?" in answer.json()["detail"]
+        assert f"did you mean '{meant}'?" in response.json()["detail"]
 
 
 def test_classes_that_were_renamed_or_removed_count_as_well(api):
@@ -265,10 +268,10 @@ def test_classes_that_were_renamed_or_removed_count_as_well(api):
 
     classes = f"expected at most {MAX_CLASSES} classes in dataset {name!r}, found "
     for response, status in ((renamed, 409), (frame, 422)):
-        found = response.json()
-        assert (response.status_code, found["code"]) == (status, "too_many_classes")
-        assert classes + f"{MAX_CLASSES + 1} with" in found["detail"]
-        assert "2 of them were renamed or removed" in found["detail"]
+        problem = response.json()
+        assert (response.status_code, problem["code"]) == (status, "too_many_classes")
+        assert classes + f"{MAX_CLASSES + 1} with" in problem["detail"]
+        assert "2 of them were renamed or removed" in problem["detail"]
     assert reused.status_code == 201
     assert api.json(f"/datasets/{name}")["classes"][7:9] == ["class 7", "class 8"]
 
@@ -312,7 +315,10 @@ def test_while_a_run_renames_nothing_may_depend_on_numbers(serve):
             api.upload_frame(name, "b", boxes_named("Caar"))
         assert api.wait_for_job(run)["state"] == "done"
 
-        refused = [(one.status_code, one.json()["code"]) for one in (export, second)]
+        refused = [
+            (response.status_code, response.json()["code"])
+            for response in (export, second)
+        ]
         assert refused == [(409, "classes_change")] * 2
         assert {box["class"] for box in api.boxes(name)} == {"car"}
         assert api.json(f"/datasets/{name}")["classes"] == ["car", "bus"]

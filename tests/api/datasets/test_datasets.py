@@ -51,10 +51,10 @@ def test_dataset_pagination_by_name_follows_next_links(api):
 
     seen, path = [], f"{BASE}/datasets?limit=2"
     while path:
-        answer = api.http.get(path)
-        assert len(answer.json()["items"]) <= 2
-        seen += [item["name"] for item in answer.json()["items"]]
-        path = answer.links.get("next", {}).get("url")
+        response = api.http.get(path)
+        assert len(response.json()["items"]) <= 2
+        seen += [item["name"] for item in response.json()["items"]]
+        path = response.links.get("next", {}).get("url")
 
     assert [name for name in seen if name in names] == names
     assert seen == sorted(set(seen))
@@ -84,9 +84,9 @@ def test_dataset_pagination_by_name_follows_next_links(api):
     ],
 )
 def test_invalid_path_or_parameter_has_its_status_and_code(api, path, status, code):
-    answer = api.get(path) if "?" not in path else api.http.get(BASE + path)
+    response = api.get(path) if "?" not in path else api.http.get(BASE + path)
 
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert (response.status_code, response.json()["code"]) == (status, code)
 
 
 @pytest.mark.parametrize(
@@ -97,9 +97,9 @@ def test_dataset_description_is_changed_without_a_run(api, key, old, new):
     name = api.dataset(**{key: old})
     assert api.json(f"/datasets/{name}")[key] == old
 
-    answer = api.http.patch(f"{BASE}/datasets/{name}", json={key: new})
+    response = api.http.patch(f"{BASE}/datasets/{name}", json={key: new})
 
-    assert (answer.status_code, answer.json()[key]) == (200, new)
+    assert (response.status_code, response.json()[key]) == (200, new)
     assert api.json(f"/datasets/{name}")[key] == new
 
 
@@ -136,10 +136,10 @@ def test_wrong_description_of_a_recording_is_refused_with_its_key(api):
 )
 def test_null_as_a_dataset_setting_is_refused(api, key):
     """Null used to give a 409 or a run that failed."""
-    answer = api.http.patch(f"{BASE}/datasets/{api.dataset()}", json={key: None})
+    response = api.http.patch(f"{BASE}/datasets/{api.dataset()}", json={key: None})
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
-    assert answer.json()["errors"][0]["pointer"] == f"/{key}"
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_request")
+    assert response.json()["errors"][0]["pointer"] == f"/{key}"
 
 
 def test_ignore_mask_is_applied_by_a_run_and_can_be_removed(api):
@@ -186,11 +186,13 @@ def test_a_setting_that_contradicts_the_config_is_refused(api):
     name = api.dataset()
     assert api.run(name, {"palette": "carla-0.9.14"})["state"] == "done"
 
-    answer = api.http.patch(f"{BASE}/datasets/{name}", json={"palette": "carla-0.9.10"})
+    response = api.http.patch(
+        f"{BASE}/datasets/{name}", json={"palette": "carla-0.9.10"}
+    )
 
-    assert answer.json()["code"] == "segmentation_contradiction"
-    assert name in answer.json()["detail"]
-    assert "the configuration" in answer.json()["detail"]
+    assert response.json()["code"] == "segmentation_contradiction"
+    assert name in response.json()["detail"]
+    assert "the configuration" in response.json()["detail"]
 
 
 def test_deleting_a_dataset_needs_its_name_as_confirmation(api):
@@ -229,18 +231,18 @@ def test_frame_with_a_new_class_is_refused_when_classes_are_frozen(api):
     assert api.post(f"/datasets/{name}/exports", {"format": "yolo"}).status_code == 202
     boxes = [{"id": "b", "class": "truck", "xyxy": [0, 0, 9, 9]}]
 
-    answer = api.put(name, "b", {**scene.annotation(), "boxes": boxes})
+    response = api.put(name, "b", {**scene.annotation(), "boxes": boxes})
 
     assert api.json(f"/datasets/{name}")["classes_frozen"] is True
-    assert (answer.status_code, answer.json()["code"]) == (422, "unknown_class")
-    assert "'truck'" in answer.json()["detail"]
+    assert (response.status_code, response.json()["code"]) == (422, "unknown_class")
+    assert "'truck'" in response.json()["detail"]
     assert api.json(f"/datasets/{name}")["counts"]["problems"] == 1
     assert api.json(f"/datasets/{name}")["classes"] == ["car"]
 
 
 def boxes_of(*classes):
     box = {"xyxy": [0, 0, 9, 9]}
-    return {**scene.annotation(), "boxes": [{**box, "class": one} for one in classes]}
+    return {**scene.annotation(), "boxes": [{**box, "class": name} for name in classes]}
 
 
 def test_frame_with_more_classes_than_a_dataset_may_have_is_its_problem(api):
@@ -251,17 +253,17 @@ def test_frame_with_more_classes_than_a_dataset_may_have_is_its_problem(api):
     (problem,) = api.json(f"/datasets/{name}/problems")["items"]
     last = api.put(name, "b", boxes_of("dragon", "class 7"))
     full = api.put(name, "b", boxes_of("griffin"), replace=True)
-    known = api.put(name, "c", boxes_of("dragon", "class 998"))
+    stored = api.put(name, "c", boxes_of("dragon", "class 998"))
 
-    found = refused.json()
-    assert (refused.status_code, found["code"]) == (422, "too_many_classes")
-    assert found["detail"] == (
+    body = refused.json()
+    assert (refused.status_code, body["code"]) == (422, "too_many_classes")
+    assert body["detail"] == (
         f"frame a: expected at most 1000 classes in dataset '{name}', found 1001 with "
         "those of this frame, such as 'dragon'"
     )
-    assert found["errors"][0]["pointer"] == "/boxes"
+    assert body["errors"][0]["pointer"] == "/boxes"
     assert (problem["key"], problem["error"]["code"]) == ("a", "too_many_classes")
-    assert (last.status_code, full.status_code, known.status_code) == (201, 422, 201)
+    assert (last.status_code, full.status_code, stored.status_code) == (201, 422, 201)
     classes = api.json(f"/datasets/{name}")["classes"]
     assert (len(classes), classes[-1]) == (MAX_CLASSES, "dragon")
 
@@ -293,28 +295,28 @@ def test_report_counts_effective_verdicts_by_distance_and_lists_worst_frames(api
     (kept,) = (box for box in api.boxes(dataset) if box["id"] == "far")
     api.review(kept["box_id"], "keep")
 
-    found = api.get(f"/datasets/{dataset}/report").json()
+    report = api.get(f"/datasets/{dataset}/report").json()
 
     none = {"kept": 0, "rejected": 0, "unmeasured": 0}
-    assert found["by_distance"] == [
+    assert report["by_distance"] == [
         {**none, "rejected": 3, "distance_from": 0, "distance_to": 50},
         {**none, "rejected": 1, "distance_from": 50, "distance_to": 100},
         {**none, "kept": 1, "distance_from": 200, "distance_to": None},
         {**none, "rejected": 4, "distance_from": None, "distance_to": None},
     ]
     first, second = {**none, "rejected": 4}, {**none, "kept": 1, "rejected": 4}
-    assert found["by_map"] == [
+    assert report["by_map"] == [
         {"name": "Town01", **first},
         {"name": "Town02", **second},
     ]
-    assert found["by_weather"] == [
+    assert report["by_weather"] == [
         {"name": "WetNoon", **first},
         {"name": "other", **second},
     ]
     counts = api.get(f"/datasets/{dataset}/stats").json()["by_weather"]
     assert counts["other"] == {"frames": 1, "boxes": 5}
-    wanted = {"weather": "WetNoon", "distance_max": 50}
-    listed = api.json(f"/datasets/{dataset}/frames", **wanted)["items"]
+    filters = {"weather": "WetNoon", "distance_max": 50}
+    listed = api.json(f"/datasets/{dataset}/frames", **filters)["items"]
     assert [frame["key"] for frame in listed] == ["a"]
-    assert len(found["worst_frames"]) == 2
-    assert worst in [frame["id"] for frame in found["worst_frames"]]
+    assert len(report["worst_frames"]) == 2
+    assert worst in [frame["id"] for frame in report["worst_frames"]]

@@ -55,28 +55,28 @@ def test_frame_is_refused_if_the_ignore_mask_has_another_size(api):
     ],
 )
 def test_invalid_ignore_mask_is_refused(api, mask):
-    answer = api.post("/datasets", {"name": "masked", "ignore_mask": mask})
+    response = api.post("/datasets", {"name": "masked", "ignore_mask": mask})
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
-    assert answer.json()["errors"][0]["pointer"].startswith("/ignore_mask")
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_request")
+    assert response.json()["errors"][0]["pointer"].startswith("/ignore_mask")
 
 
 def test_ignore_mask_is_read_only_where_pixels_are_measured(serve):
     """It may be megabytes: reading it for each dataset of a list took seconds."""
     service = serve()
     engine = service.app.state.database.engine
-    with service.admin() as admin, statements_of(engine) as found:
+    with service.admin() as admin, statements_of(engine) as statements:
         api = Api(admin)
         dataset = api.dataset(ignore_mask={"png": base64_png(FULL_MASK)})
         api.upload_frame(dataset, "a")
-        found.clear()
+        statements.clear()
         for path in ("", f"/{dataset}", f"/{dataset}/stats", f"/{dataset}/frames"):
             api.json(f"/datasets{path}")
         api.json("/boxes", dataset=dataset, count=True)
-        reading = [statement for statement, _ in found]
-        found.clear()
+        reading = [statement for statement, _ in statements]
+        statements.clear()
         api.http.patch(f"{BASE}/datasets/{dataset}", json={"palette": scene.FAMILY})
-        changing = [statement for statement, _ in found]
+        changing = [statement for statement, _ in statements]
 
     assert not any(MASK.search(statement) for statement in reading)
     assert any(MASK.search(statement) for statement in changing)

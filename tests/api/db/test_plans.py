@@ -79,14 +79,14 @@ def street(own_api):
     return name
 
 
-def full_scans(service, found: list[Statement]) -> set[str]:
+def full_scans(service, statements: list[Statement]) -> set[str]:
     """Statements that read a big table from end to end, with their plan."""
     bad = set()
     engine = service.app.state.database.engine
     with engine.connect() as connection:
         for statement, parameters in dict.fromkeys(
             (sql, parameters)
-            for sql, parameters in found
+            for sql, parameters in statements
             if sql.lstrip().upper().startswith(EXPLAINED)
         ):
             plan = connection.exec_driver_sql(
@@ -109,8 +109,8 @@ def is_full_scan_of_big_table(step: str, statement: str) -> bool:
 
 def get(path: str, **parameters: Any):
     def ask(api, street):
-        answer = api.get(path.format(d=street), **parameters)
-        assert answer.status_code == 200, answer.text
+        response = api.get(path.format(d=street), **parameters)
+        assert response.status_code == 200, response.text
 
     return ask
 
@@ -121,10 +121,10 @@ def boxes(**parameters: Any):
 
 def post(path: str, body: Any, *, expected: int):
     def ask(api, street):
-        answer = api.post(path.format(d=street), body)
-        assert answer.status_code == expected, answer.text
+        response = api.post(path.format(d=street), body)
+        assert response.status_code == expected, response.text
         if expected == 202:
-            assert api.wait_for_job(answer)["state"] == "done"
+            assert api.wait_for_job(response)["state"] == "done"
 
     return ask
 
@@ -166,11 +166,11 @@ def replace_and_delete_frame(api, street):
 
 def answers(api, street):
     box = api.boxes(street, review="undecided")[0]
-    answer = api.review(box["box_id"], "keep", seen=box["revision"])
-    assert answer.status_code == 201, answer.text
-    wanted = {"verdict": "rejected", "review": "undecided"}
-    seen = api.json("/boxes", dataset=street, count="true", **wanted)["snapshot"]
-    body = {"dataset": street, "filter": wanted, "snapshot": seen}
+    response = api.review(box["box_id"], "keep", seen=box["revision"])
+    assert response.status_code == 201, response.text
+    filters = {"verdict": "rejected", "review": "undecided"}
+    seen = api.json("/boxes", dataset=street, count="true", **filters)["snapshot"]
+    body = {"dataset": street, "filter": filters, "snapshot": seen}
     batch = api.post("/reviews/bulk", {**body, "verdict": "reject"})
     assert batch.status_code == 201, batch.text
     undone = api.post(f"/review-batches/{batch.json()['id']}/undo")
@@ -180,8 +180,8 @@ def answers(api, street):
 def diffs(api, street):
     runs = api.json(f"/datasets/{street}/runs")["items"]
     runs = [run["id"] for run in runs if run["state"] == "done"]
-    for one, other in itertools.permutations(runs[:3], 2):
-        get(f"/runs/{one}/diff", against=other)(api, street)
+    for run, other in itertools.permutations(runs[:3], 2):
+        get(f"/runs/{run}/diff", against=other)(api, street)
 
 
 def watch_and_cancel_run(api, street):
@@ -255,11 +255,11 @@ REQUESTS = {
 
 @pytest.mark.parametrize("name", REQUESTS)
 def test_request_makes_no_full_scan_of_a_big_table(service, own_api, street, name):
-    with statements_of(service.app.state.database.engine) as found:
+    with statements_of(service.app.state.database.engine) as statements:
         REQUESTS[name](own_api, street)
 
-    assert len(found) > 1
-    assert full_scans(service, found) == set()
+    assert len(statements) > 1
+    assert full_scans(service, statements) == set()
 
 
 def test_full_scan_of_a_big_table_is_detected(service, own_api, street):
@@ -271,19 +271,19 @@ def test_full_scan_of_a_big_table_is_detected(service, own_api, street):
 
 def test_foreign_keys_of_big_tables_have_an_index(service):
     """SQLite looks for the rows that refer to a deleted one: that needs an index."""
-    found = inspect(service.app.state.database.engine)
+    inspector = inspect(service.app.state.database.engine)
     missing = {
         (table, *key["constrained_columns"])
         for table in LARGE_TABLES & set(Base.metadata.tables)
-        for key in found.get_foreign_keys(table)
-        if not has_index_on(found, table, key["constrained_columns"])
+        for key in inspector.get_foreign_keys(table)
+        if not has_index_on(inspector, table, key["constrained_columns"])
     }
 
     assert missing == set(NOT_INDEXED)
 
 
-def has_index_on(found, table, columns):
-    keys = [found.get_pk_constraint(table)["constrained_columns"]]
-    keys += [each["column_names"] for each in found.get_unique_constraints(table)]
-    keys += [each["column_names"] for each in found.get_indexes(table)]
+def has_index_on(inspector, table, columns):
+    keys = [inspector.get_pk_constraint(table)["constrained_columns"]]
+    keys += [each["column_names"] for each in inspector.get_unique_constraints(table)]
+    keys += [each["column_names"] for each in inspector.get_indexes(table)]
     return any(key[: len(columns)] == columns for key in keys)

@@ -11,7 +11,9 @@ FRAMES = 30
 @pytest.fixture(scope="module")
 def dataset(api) -> str:
     name: str = api.dataset()
-    send(api, name, tar_archive([one for n in range(FRAMES) for one in frame(f"{n}")]))
+    send(
+        api, name, tar_archive([file for n in range(FRAMES) for file in frame(f"{n}")])
+    )
     return name
 
 
@@ -21,21 +23,21 @@ def export_id(api, dataset) -> int:
 
 
 def start_export(api, dataset) -> int:
-    asked = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
-    assert asked.status_code == 202, asked.text
-    number: int = asked.json()["id"]
+    response = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
+    assert response.status_code == 202, response.text
+    number: int = response.json()["id"]
     return number
 
 
 def test_export_events_end_with_a_download_link(api, export_id):
-    found = events(api, export_id, of="exports")
-    numbers = [int(event.id) for event in found]
+    sent = events(api, export_id, of="exports")
+    numbers = [int(event.id) for event in sent]
 
-    assert [event.name for event in found][-2:] == ["progress", "end"]
+    assert [event.name for event in sent][-2:] == ["progress", "end"]
     assert numbers == sorted(set(numbers))
-    assert found[-1].data == api.json(f"/exports/{export_id}")
-    assert (found[-1].data["state"], found[-1].data["done"]) == ("done", FRAMES)
-    assert api.http.get(found[-1].data["download"]).status_code == 200
+    assert sent[-1].data == api.json(f"/exports/{export_id}")
+    assert (sent[-1].data["state"], sent[-1].data["done"]) == ("done", FRAMES)
+    assert api.http.get(sent[-1].data["download"]).status_code == 200
 
 
 def test_events_of_a_run_and_an_export_with_the_same_id_differ(start_api):

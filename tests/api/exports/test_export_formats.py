@@ -74,7 +74,7 @@ def test_ids_of_64_bits_come_back_with_all_digits(client, tmp_path):
     client.create_dataset(name)
     scene.put(client, name, "a", boxes=boxes)
 
-    assert {one.id for one in client.boxes(name)} == set(map(str, ids))
+    assert {box.id for box in client.boxes(name)} == set(map(str, ids))
     for form in ("manifest", "decisions-jsonl", "decisions-csv", "coco"):
         folder = export_and_unpack(client, name, form, tmp_path / form)
         content = b"".join(labels(folder).values())
@@ -92,7 +92,7 @@ def test_export_pushed_again_gives_the_same_labels(
     second = export_and_unpack(client, again, form, tmp_path / "second")
 
     assert push.code == 0, push.err
-    assert [one.key for one in client.frames(again)] == sorted(KEYS)
+    assert [frame.key for frame in client.frames(again)] == sorted(KEYS)
     if form == "decisions-jsonl":  # it has verdicts, which this push does not keep
         assert boxes_of(second) == boxes_of(first)
     else:
@@ -124,16 +124,16 @@ def test_roboflow_folders_keep_parts_and_names_in_the_same_format(
         exported = export_and_unpack(client, name, form, tmp_path / f"{form}-out")
 
         assert push.code == 0, push.err
-        assert [one.key for one in client.frames(name)] == [
+        assert [frame.key for frame in client.frames(name)] == [
             f"{part}/a.rf.1" for part in parts
         ]
         images = exported.glob("images/**/*.*")
-        assert sorted(one.relative_to(exported).as_posix() for one in images) == [
+        assert sorted(image.relative_to(exported).as_posix() for image in images) == [
             f"images/{part}/a.rf.1.png" for part in parts
         ]
         assert json.loads((exported / "manifest.json").read_text())["renamed"] == []
         again = read_source(exported)
-        assert {(one.key, (one.annotation or {})["split"]) for one in again} == {
+        assert {(frame.key, (frame.annotation or {})["split"]) for frame in again} == {
             (f"{part}/a.rf.1", part) for part in parts
         }
         if form == "coco":
@@ -155,7 +155,8 @@ def test_a_tree_of_carlasimu_comes_back_from_a_server(unghost, client, tmp_path)
         name = f"out/cam/labels/label{band}/00000993.txt"
         assert (made / name).read_bytes() == (source / name).read_bytes()
     readmes = [
-        json.loads((one / "out/cam/Readme.txt").read_text()) for one in (made, source)
+        json.loads((folder / "out/cam/Readme.txt").read_text())
+        for folder in (made, source)
     ]
     assert readmes[0] == readmes[1] | {"classes": readmes[0]["classes"]}
     for name in ("seg/00000993.png", "depth/00000993.png", "radar/00000993.ply"):
@@ -211,9 +212,9 @@ def test_what_a_file_says_beside_its_frames_comes_back(unghost, client, tmp_path
         {"id": 9, "name": "unused", "supercategory": "none of them"},
     ]
     boxes = [{"id": n, "image_id": n, "category_id": 7} for n in (1, 2)]
-    annotations = [one | {"bbox": [1, 2, 3, 4]} for one in boxes]
+    annotations = [box | {"bbox": [1, 2, 3, 4]} for box in boxes]
     named = [{"id": n, "file_name": f"{n}.png"} for n in (1, 2)]
-    sized = [{**one, "width": 64, "height": 48} for one in named]
+    sized = [{**box, "width": 64, "height": 48} for box in named]
     lists = {"images": sized, "annotations": annotations, "categories": categories}
     labels_of: dict[str, dict[str, bytes | str]] = {
         "coco": {"boxes.json": json.dumps({**BESIDE_COCO, **lists})},
@@ -321,12 +322,12 @@ def test_tight_rectangles_are_exported_as_labels(client, tmp_path):
     yolo = export_and_unpack(client, name, "yolo", tmp_path / "yolo", **options)
 
     tight = [61.0, 41.0, 38.0, 38.0]
-    found = [
-        one["bbox"]
+    rectangles = [
+        box["bbox"]
         for path in coco.rglob("annotations/*.json")
-        for one in json.loads(path.read_text("utf-8"))["annotations"]
+        for box in json.loads(path.read_text("utf-8"))["annotations"]
     ]
-    assert tight in found
+    assert tight in rectangles
     x, y, width, height = tight
     label = [(x + width / 2) / 160, (y + height / 2) / 120, width / 160, height / 120]
     (text,) = [path.read_text() for path in yolo.rglob("labels/**/*.txt")]

@@ -37,11 +37,11 @@ def dataset(server):
 
 
 def run_export(api, dataset, form="yolo", **options):
-    answer = api.post(
+    response = api.post(
         f"/datasets/{dataset}/exports", {"format": form, "options": options}
     )
-    assert answer.json()["state"] in ("queued", "running", "done")
-    return api.wait_for_job(answer)
+    assert response.json()["state"] in ("queued", "running", "done")
+    return api.wait_for_job(response)
 
 
 @pytest.fixture
@@ -136,8 +136,8 @@ def test_queued_export_waits_and_can_be_cancelled(serve):
         api.upload_frame(dataset, "a")
         with block_jobs(service.app.state.services.engine):
             run = api.post(f"/datasets/{dataset}/runs", {"config": CARS_ARE_SKY})
-            answer = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
-            url = answer.headers["location"]
+            response = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
+            url = response.headers["location"]
             early = http.get(f"{url}/download")
 
             cancelled = http.post(f"{url}/cancel")
@@ -166,7 +166,7 @@ def test_short_export_does_not_wait_for_a_long_job(serve):
             waiting = api.post(f"/datasets/{long}/exports", {"format": "yolo"})
             export = api.post(f"/datasets/{short}/exports", {"format": "yolo"})
             until(lambda: state_of(http, export) == "done")
-            states = [state_of(http, one) for one in (run, waiting)]
+            states = [state_of(http, job) for job in (run, waiting)]
             permits.release(len(frames))
 
         assert states == ["running", "queued"]
@@ -186,19 +186,19 @@ def test_missing_export_is_404_for_every_act(api):
 
 def create_download_link(api, export):
     """Make a download link, which needs no token; return its URL, and the answer."""
-    answer = api.post(f"/exports/{export['id']}/download-links", {})
-    assert answer.status_code == 201, answer.text
-    return api.http.base_url.join(answer.json()["url"]), answer
+    response = api.post(f"/exports/{export['id']}/download-links", {})
+    assert response.status_code == 201, response.text
+    return api.http.base_url.join(response.json()["url"]), response
 
 
 def test_download_link_returns_the_file_without_a_token(api, export):
-    url, answer = create_download_link(api, export)
-    ends = datetime.fromisoformat(answer.json()["expires_at"])
+    url, response = create_download_link(api, export)
+    ends = datetime.fromisoformat(response.json()["expires_at"])
 
     whole = plain_http.get(url)
     rest = plain_http.get(url, headers={"Range": "bytes=100-"})
 
-    assert answer.headers["cache-control"] == "no-store"
+    assert response.headers["cache-control"] == "no-store"
     assert timedelta(0) < ends - datetime.now(timezone.utc) <= timedelta(minutes=5)
     assert hashlib.sha256(whole.content).hexdigest() == export["sha256"]
     assert "attachment" in whole.headers["content-disposition"]
@@ -209,9 +209,9 @@ def test_download_link_is_valid_for_one_export_only(api, dataset, export):
     other = run_export(api, dataset)
     url, _ = create_download_link(api, export)
 
-    answer = plain_http.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
+    response = plain_http.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
 
-    assert (answer.status_code, answer.json()["code"]) == (401, "link_over")
+    assert (response.status_code, response.json()["code"]) == (401, "link_over")
     key = {"Authorization": f"Bearer {url.params['key']}"}
     assert (
         plain_http.get(api.http.base_url.join("/version"), headers=key).status_code
@@ -234,8 +234,8 @@ def test_download_link_expires_and_ends_with_its_revoked_token(server, api, expo
         server.data, f"update download_links set {ended} where hash = :one", one=digest
     )
 
-    found = [plain_http.get(url).json()["code"] for url in (gone, late)]
-    assert found == ["link_over", "link_over"]
+    codes = [plain_http.get(url).json()["code"] for url in (gone, late)]
+    assert codes == ["link_over", "link_over"]
 
 
 def test_oldest_download_link_of_a_token_is_deleted_over_the_limit(server, api, export):
@@ -245,10 +245,10 @@ def test_oldest_download_link_of_a_token_is_deleted_over_the_limit(server, api, 
     with greedy.http:
         made = [create_download_link(greedy, export)[0] for _ in range(MOST_LINKS + 1)]
 
-    found = [
+    statuses = [
         plain_http.head(url).status_code for url in (made[0], made[1], made[-1], others)
     ]
-    assert found == [401, 200, 200, 200]
+    assert statuses == [401, 200, 200, 200]
 
 
 def stored(service, export):
@@ -277,7 +277,7 @@ def test_deleted_export_is_gone_with_its_file(serve):
         assert first["sha256"] == same["sha256"]
         assert kept == (True, 200)
         assert (again.status_code, shown.status_code) == (404, 404)
-        assert [one["id"] for one in listed] == [same["id"]]
+        assert [item["id"] for item in listed] == [same["id"]]
         assert (last.status_code, stored(service, same)) == (204, False)
         assert (audit["action"], audit["subject"]) == (
             "export.deleted",
@@ -335,9 +335,9 @@ def test_oldest_export_makes_place_for_a_new_one(serve, caplog):
         assert (gone["state"], gone["sha256"]) == ("done", None)
         assert gone["error"]["code"] == "export_removed"
         assert "UNGHOST_MAX_EXPORT_BYTES" in gone["error"]["detail"]
-        assert {(one.status_code, one.json()["code"]) for one in refused} == {
-            (409, "export_removed")
-        }
+        assert {
+            (response.status_code, response.json()["code"]) for response in refused
+        } == {(409, "export_removed")}
         assert refused[0].json()["detail"].endswith(gone["error"]["detail"])
         assert (stored(service, first), download(api, newer).status_code) == (
             False,
@@ -379,4 +379,4 @@ def test_old_export_is_deleted_once_no_backup_is_made(serve):
 
         assert "UNGHOST_EXPORT_DAYS" in gone["error"]["detail"]
         assert kept["sha256"] == first["sha256"]
-        assert {download(api, one).status_code for one in (newer, kept)} == {200}
+        assert {download(api, link).status_code for link in (newer, kept)} == {200}

@@ -77,7 +77,7 @@ def test_only_what_changed_since_a_version_is_written(client, dataset, tmp_path)
     assert keys_of(changed) == ["run/1", "run/9"]
     assert (manifest["since"], manifest["removed"]) == ("v1", ["run/0"])
     assert second.version == made(client, dataset).version != first.version
-    assert [one.name for one in client.versions(dataset)] == ["v2", "v1"]
+    assert [version.name for version in client.versions(dataset)] == ["v2", "v1"]
 
 
 def test_version_is_written_again_byte_for_byte_when_the_dataset_has_changed(

@@ -21,8 +21,8 @@ HOSTS = {"hook_hosts": ("127.0.0.1",)}
 
 @pytest.fixture
 def receiver():
-    with receiving() as found:
-        yield found
+    with receiving() as hook_receiver:
+        yield hook_receiver
 
 
 def log_of(api, hook):
@@ -34,7 +34,7 @@ def settled(api, hook, number):
 
     def over():
         log = log_of(api, hook)
-        is_over = len(log) >= number and not any(one["due_at"] for one in log)
+        is_over = len(log) >= number and not any(delivery["due_at"] for delivery in log)
         return log if is_over else None
 
     return until(over)
@@ -56,13 +56,13 @@ def test_ends_of_jobs_and_of_a_review_are_sent_and_signed(own_api, receiver):
         own_api.review(box["box_id"], "keep", 0)
     requests = receiver.wait_for(3)
 
-    assert all(one.is_signed_with(hook["secret"]) for one in requests)
+    assert all(request.is_signed_with(hook["secret"]) for request in requests)
     shown: dict[str, Any] = {}
     exec(VERIFIER, shown)
     is_genuine = partial(shown["is_genuine"], hook["secret"])
-    assert all(is_genuine(one.headers, one.body) for one in requests)
+    assert all(is_genuine(request.headers, request.body) for request in requests)
     assert not is_genuine(requests[0].headers, requests[0].body + b" ")
-    types = [one.content["type"] for one in requests]
+    types = [request.content["type"] for request in requests]
     assert types == ["run.ended", "export.ended", "dataset.reviewed"]
     assert requests[1].content["data"] == {
         "dataset": dataset,
@@ -75,9 +75,9 @@ def test_ends_of_jobs_and_of_a_review_are_sent_and_signed(own_api, receiver):
         "version": export["version"],
     }
     log = settled(own_api, hook, 3)
-    assert [one["state"] for one in log] == ["delivered"] * 3
-    assert [one["webhook_id"] for one in log] == [
-        one.headers["webhook-id"] for one in reversed(requests)
+    assert [delivery["state"] for delivery in log] == ["delivered"] * 3
+    assert [delivery["webhook_id"] for delivery in log] == [
+        request.headers["webhook-id"] for request in reversed(requests)
     ]
     assert hook["secret"] not in own_api.get("/hooks").text
 
@@ -93,15 +93,15 @@ def test_refused_delivery_is_tried_again_after_a_restart(tmp_path, receiver):
         (waiting,) = log_of(api, hook)
 
     with live(tmp_path / "data", **HOSTS) as second, second.admin() as client:
-        one, two = receiver.wait_for(2)
+        earlier, later = receiver.wait_for(2)
         (over,) = settled(Api(client), hook, 1)
 
     assert (waiting["state"], waiting["status"]) == ("waiting", 500)
     assert waiting["error"] == "the receiver responded with 500"
     assert (over["state"], over["attempts"], over["error"]) == ("delivered", 2, None)
-    assert one.headers["webhook-id"] == two.headers["webhook-id"]
-    assert one.body == two.body == over["body"].encode()
-    assert two.is_signed_with(hook["secret"])
+    assert earlier.headers["webhook-id"] == later.headers["webhook-id"]
+    assert earlier.body == later.body == over["body"].encode()
+    assert later.is_signed_with(hook["secret"])
 
 
 def test_stop_does_not_wait_for_a_receiver(tmp_path, receiver):
@@ -138,12 +138,12 @@ def test_delivery_that_a_killed_service_had_begun_is_made_again(tmp_path, receiv
         running_server(data, settings) as second,
         (api := Api.at(second.url, second.headers)).http,
     ):
-        one, two = receiver.wait_for(2)
+        earlier, later = receiver.wait_for(2)
         (over,) = settled(api, hook, 1)
 
-    assert one.headers["webhook-id"] == two.headers["webhook-id"]
-    assert one.body == two.body
-    assert two.is_signed_with(hook["secret"])
+    assert earlier.headers["webhook-id"] == later.headers["webhook-id"]
+    assert earlier.body == later.body
+    assert later.is_signed_with(hook["secret"])
     assert (over["state"], over["attempts"]) == ("delivered", 1)
     assert len(receiver.received) == 2
 

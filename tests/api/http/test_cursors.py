@@ -16,8 +16,8 @@ def lists(api):
     return [
         path
         for path, methods in paths.items()
-        for one in methods.get("get", {}).get("parameters", ())
-        if one["name"] == "cursor"
+        for parameter in methods.get("get", {}).get("parameters", ())
+        if parameter["name"] == "cursor"
     ]
 
 
@@ -28,24 +28,24 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
     box_id = api.boxes(dataset)[0]["box_id"]
     hook = {"url": "http://127.0.0.1:9/", "dataset": dataset}
     hook_id = api.http.post("/api/v1/hooks", json=hook).json()["id"]
-    asked = [
+    lists_to_read = [
         *((path, "", INVALID_NAMES) for path in BY_NAME),
         *((path, "", INVALID_CURSORS) for path in lists(api) if path not in BY_NAME),
         ("/api/v1/datasets/{dataset}/frames", "id", INVALID_CURSORS),
         ("/api/v1/boxes", "doubt", INVALID_CURSORS),
     ]
 
-    assert len(asked) > 10
-    for path, sort, cursors in asked:
+    assert len(lists_to_read) > 10
+    for path, sort, cursors in lists_to_read:
         url = path.format(
             dataset=dataset, run_id=run["id"], box_id=box_id, hook_id=hook_id
         )
         needed = {"dataset": dataset} if path in OF_BOXES else {}
         needed |= {"sort": sort} if sort else {}
         for cursor in cursors:
-            answer = api.http.get(url, params={**needed, "cursor": cursor})
-            problem = answer.json()
-            assert (answer.status_code, problem.get("code")) == (400, "bad_cursor"), (
+            response = api.http.get(url, params={**needed, "cursor": cursor})
+            problem = response.json()
+            assert (response.status_code, problem.get("code")) == (400, "bad_cursor"), (
                 path,
                 cursor,
             )

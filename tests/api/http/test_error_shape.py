@@ -39,15 +39,15 @@ KEYS = {
     ],
 )
 def test_an_error_is_a_problem_document(admin, method, path, status, code):
-    answer = admin.request(method, path)
+    response = admin.request(method, path)
 
-    problem = answer.json()
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert (answer.status_code, problem["status"]) == (status, status)
+    problem = response.json()
+    assert response.headers["content-type"] == "application/problem+json"
+    assert (response.status_code, problem["status"]) == (status, status)
     assert problem.keys() - {"current"} == KEYS
     assert problem["code"] == code
     assert problem["instance"] == path.partition("?")[0]
-    assert problem["request_id"] == answer.headers["x-request-id"]
+    assert problem["request_id"] == response.headers["x-request-id"]
 
 
 @pytest.mark.parametrize(
@@ -63,25 +63,25 @@ def test_an_error_is_a_problem_document(admin, method, path, status, code):
     ],
 )
 def test_unreadable_body_is_a_problem_document(admin, body, media_type, status, code):
-    answer = admin.post(
+    response = admin.post(
         "/probe/tokens", content=body, headers={"Content-Type": media_type}
     )
 
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert response.headers["content-type"] == "application/problem+json"
+    assert (response.status_code, response.json()["code"]) == (status, code)
 
 
 def test_faults_of_a_body_have_json_pointers(admin):
-    answer = admin.post("/probe/tokens", json={"count": "many"})
+    response = admin.post("/probe/tokens", json={"count": "many"})
 
-    faults = {fault["pointer"]: fault["code"] for fault in answer.json()["errors"]}
+    faults = {fault["pointer"]: fault["code"] for fault in response.json()["errors"]}
     assert faults == {"/name": "missing", "/count": "int_parsing"}
 
 
 def test_faults_of_parameters_have_pointers_to_path_or_query(admin):
-    answer = admin.get("/probe/items/0?limit=all")
+    response = admin.get("/probe/items/0?limit=all")
 
-    pointers = [fault["pointer"] for fault in answer.json()["errors"]]
+    pointers = [fault["pointer"] for fault in response.json()["errors"]]
     assert pointers == ["/path/item_id", "/query/limit"]
 
 
@@ -105,16 +105,16 @@ def test_server_error_leaks_no_internal_details(admin, name):
 
 @pytest.mark.parametrize("name", ["busy", "full", "away", "quota"])
 def test_temporary_error_has_a_retry_after_header(admin, name):
-    answer = admin.get(f"/probe/raise/{name}")
+    response = admin.get(f"/probe/raise/{name}")
 
-    assert int(answer.headers["retry-after"]) > 0
+    assert int(response.headers["retry-after"]) > 0
 
 
 def test_method_not_allowed_lists_the_allowed_methods(admin):
-    answer = admin.put("/api/v1/session")
+    response = admin.put("/api/v1/session")
 
-    assert answer.status_code == 405
-    assert answer.headers["allow"] == "GET, HEAD, POST, DELETE"
+    assert response.status_code == 405
+    assert response.headers["allow"] == "GET, HEAD, POST, DELETE"
 
 
 def test_client_disconnect_is_not_logged_as_an_error(caplog):

@@ -82,13 +82,13 @@ def test_every_sort_parameter_is_an_enum(document):
 def test_sort_by_an_unlisted_column_is_refused(admin, crafted):
     admin.post("/api/v1/datasets", json={"name": "fields"})
 
-    answers = [
+    responses = [
         admin.get("/api/v1/boxes", params={"dataset": "fields", "sort": crafted}),
         admin.get("/api/v1/datasets/fields/frames", params={"sort": crafted}),
         admin.post("/api/v1/datasets/fields/queue", json={"order": crafted}),
     ]
 
-    assert {answer.status_code for answer in answers} == {422}
+    assert {response.status_code for response in responses} == {422}
 
 
 @pytest.mark.parametrize("name", ["hash", "token__hash__startswith", "created_by"])

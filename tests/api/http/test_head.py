@@ -25,12 +25,14 @@ def url_of(path, path_values):
     return fill_path(path, path_values) + QUERIES.get(path, "").format(**path_values)
 
 
-def status_and_headers(answer, *, less=frozenset()):
+def status_and_headers(response, *, less=frozenset()):
     """The status and the headers, without `less` and those that always differ."""
     headers = {
-        k: v for k, v in answer.headers.items() if k not in HEADERS_OF_EACH | set(less)
+        k: v
+        for k, v in response.headers.items()
+        if k not in HEADERS_OF_EACH | set(less)
     }
-    return answer.status_code, headers
+    return response.status_code, headers
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -40,17 +42,17 @@ def test_head_has_the_status_and_headers_of_get_without_a_body(
     url = url_of(path, path_values)
 
     def ask():
-        got, head = admin.get(url), admin.head(url)
+        get, head = admin.get(url), admin.head(url)
         # On a busy machine the service may not be ready for a moment.
-        is_late = path == "/readyz" and not (got.is_success and head.is_success)
-        return None if is_late else (got, head)
+        is_late = path == "/readyz" and not (get.is_success and head.is_success)
+        return None if is_late else (get, head)
 
-    got, head = until(ask)
+    get, head = until(ask)
 
     length = {"content-length"} if path in DRAWINGS | CHANGING else set()
-    assert status_and_headers(head, less=length) == status_and_headers(got, less=length)
+    assert status_and_headers(head, less=length) == status_and_headers(get, less=length)
     assert head.content == b""
-    assert got.status_code == 200, got.text
+    assert get.status_code == 200, get.text
 
 
 def test_head_needs_the_same_authentication_as_get(anonymous, as_role, path_values):
@@ -60,9 +62,9 @@ def test_head_needs_the_same_authentication_as_get(anonymous, as_role, path_valu
         url = url_of(path, path_values)
         is_open = REQUIRED_ROLES["GET", path] is NO_ROLE
         for client in (anonymous, viewer) if path != "/readyz" else ():
-            got, head = client.get(url), client.head(url)
-            assert head.status_code == got.status_code
-            assert (got.status_code == 401) == (client is anonymous and not is_open)
+            get, head = client.get(url), client.head(url)
+            assert head.status_code == get.status_code
+            assert (get.status_code == 401) == (client is anonymous and not is_open)
 
 
 def test_head_refuses_unknown_query_parameters(admin, path_values):
@@ -104,9 +106,9 @@ def test_head_of_a_byte_range_matches_get(admin, path_values):
 
 
 def test_head_of_a_write_only_path_returns_405(admin):
-    answer = admin.head("/api/v1/reviews/bulk")
+    response = admin.head("/api/v1/reviews/bulk")
 
-    assert (answer.status_code, answer.headers["allow"]) == (405, "POST")
+    assert (response.status_code, response.headers["allow"]) == (405, "POST")
 
 
 def test_head_of_an_event_stream_opens_no_stream(tmp_path):
@@ -116,9 +118,9 @@ def test_head_of_an_event_stream_opens_no_stream(tmp_path):
     ):
         dataset = admin.post("/api/v1/datasets", json={"name": "street"}).json()
         events = f"/api/v1/runs/{dataset['active_run']}/events"
-        answers = [admin.head(events) for _ in range(3)]
+        responses = [admin.head(events) for _ in range(3)]
         seen = admin.get("/metrics").text
 
-    assert [one.status_code for one in answers] == [200] * 3
-    assert answers[0].headers["content-type"].startswith("text/event-stream")
+    assert [response.status_code for response in responses] == [200] * 3
+    assert responses[0].headers["content-type"].startswith("text/event-stream")
     assert "unghost_event_streams_open 0" in seen

@@ -25,19 +25,19 @@ def test_every_response_has_the_security_headers(admin, path):
 
 
 def test_response_to_a_refused_host_has_the_security_headers(admin):
-    answer = admin.get("/version", headers={"Host": "evil.example"})
+    response = admin.get("/version", headers={"Host": "evil.example"})
 
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert answer.headers["x-request-id"] == answer.json()["request_id"]
+    assert response.headers["x-content-type-options"] == "nosniff"
+    assert response.headers["x-request-id"] == response.json()["request_id"]
 
 
 def test_cors_preflight_is_refused(admin):
     ask = {"Origin": "http://evil.example", "Access-Control-Request-Method": "PUT"}
 
-    answer = admin.options("/healthz", headers=ask)
+    response = admin.options("/healthz", headers=ask)
 
-    assert answer.status_code == 405
-    assert "access-control-allow-origin" not in answer.headers
+    assert response.status_code == 405
+    assert "access-control-allow-origin" not in response.headers
 
 
 def test_headers_are_limited_in_number_before_the_head_has_ended(service):
@@ -59,9 +59,9 @@ def test_headers_are_limited_in_number_before_the_head_has_ended(service):
 def test_trailer_is_not_a_header(service):
     framing = {"Transfer-Encoding": "chunked", "Connection": "close"}
     trailer = f"Authorization: {service.bearer['Authorization']}\r\n\r\n".encode()
-    asked = request_head("GET", "/api/v1/datasets", framing)
+    head = request_head("GET", "/api/v1/datasets", framing)
     with open_connection(service.url) as connection:
-        connection.sendall(asked + b"1\r\nx\r\n0\r\n" + trailer)
-        answer = read_until_closed(connection)
+        connection.sendall(head + b"1\r\nx\r\n0\r\n" + trailer)
+        response = read_until_closed(connection)
 
-    assert answer.startswith(b"HTTP/1.1 401 ")
+    assert response.startswith(b"HTTP/1.1 401 ")

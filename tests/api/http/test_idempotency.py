@@ -35,27 +35,30 @@ def test_idempotency_key_reused_with_another_body_is_refused(admin, change):
     key = f"k2-{list(change)}"
     post_token(admin, f"eve-{key}", key)
 
-    answer = post_token(admin, **{"name": f"eve-{key}", "key": key, **change})
+    response = post_token(admin, **{"name": f"eve-{key}", "key": key, **change})
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "idempotency_key_reuse")
+    assert (response.status_code, response.json()["code"]) == (
+        422,
+        "idempotency_key_reuse",
+    )
 
 
 def test_idempotency_key_reused_on_another_path_is_refused(admin):
     post_token(admin, "kim", "k3")
 
-    answer = admin.post(
+    response = admin.post(
         "/probe/tokens/copies", json={"name": "kim"}, headers={"Idempotency-Key": "k3"}
     )
 
-    assert answer.json()["code"] == "idempotency_key_reuse"
+    assert response.json()["code"] == "idempotency_key_reuse"
 
 
 def test_idempotency_key_is_scoped_to_its_token(admin, as_role):
     post_token(admin, "lea", "k4")
 
-    answer = post_token(as_role("reviewer"), "max", "k4")
+    response = post_token(as_role("reviewer"), "max", "k4")
 
-    assert answer.json() == {"stored": "max"}
+    assert response.json() == {"stored": "max"}
 
 
 def test_concurrent_requests_with_one_idempotency_key_are_processed_once(
@@ -73,11 +76,11 @@ def test_concurrent_requests_with_one_idempotency_key_are_processed_once(
             )
 
     with ThreadPoolExecutor(2) as pool:
-        answers = list(pool.map(post, range(2)))
+        responses = list(pool.map(post, range(2)))
 
-    assert [answer.status_code for answer in answers] == [201, 201]
-    assert answers[0].json() == answers[1].json()
-    assert admin.get("/probe/tokens/count").json() == answers[0].json()["tokens"]
+    assert [response.status_code for response in responses] == [201, 201]
+    assert responses[0].json() == responses[1].json()
+    assert admin.get("/probe/tokens/count").json() == responses[0].json()["tokens"]
 
 
 def test_idempotency_key_of_a_failed_request_may_be_reused(admin):
@@ -93,9 +96,9 @@ def test_idempotency_key_of_a_failed_request_may_be_reused(admin):
 def test_invalid_idempotency_key_is_refused(admin, key):
     headers = [(b"Idempotency-Key", key.encode("latin-1"))]
 
-    answer = admin.post("/probe/tokens", json={"name": "otto"}, headers=headers)
+    response = admin.post("/probe/tokens", json={"name": "otto"}, headers=headers)
 
-    assert answer.json()["code"] == "bad_idempotency_key"
+    assert response.json()["code"] == "bad_idempotency_key"
 
 
 def test_idempotent_response_is_replayed_after_a_restart(serve):

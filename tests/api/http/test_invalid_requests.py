@@ -55,10 +55,10 @@ def test_validation_error_has_the_expected_and_the_found_value(
     api, method, path, body, detail
 ):
     headers = {"Content-Type": "application/json"}
-    answer = api.http.request(method, f"/api/v1{path}", content=body, headers=headers)
+    response = api.http.request(method, f"/api/v1{path}", content=body, headers=headers)
 
-    problem = answer.json()
-    assert (answer.status_code, problem["code"]) == (422, "invalid_request"), problem
+    problem = response.json()
+    assert (response.status_code, problem["code"]) == (422, "invalid_request"), problem
     assert problem["detail"].startswith(detail)
 
 
@@ -70,10 +70,10 @@ def test_validation_error_has_the_expected_and_the_found_value(
     ],
 )
 def test_possible_token_in_an_invalid_body_is_not_echoed(api, path, body):
-    answer = api.post(path, body)
+    response = api.post(path, body)
 
-    assert answer.status_code == 422
-    assert SECRET not in answer.text
+    assert response.status_code == 422
+    assert SECRET not in response.text
 
 
 def find_patterns(document):
@@ -90,12 +90,12 @@ def find_patterns(document):
 def test_every_pattern_has_a_readable_error_message(tmp_path):
     app = create_app(Settings(data=tmp_path))
     # This pattern is left out, as its error has a message of its own.
-    known = set(find_patterns(json.loads(json.dumps(app.openapi())))) - {
+    patterns = set(find_patterns(json.loads(json.dumps(app.openapi())))) - {
         "^[!-~]{1,200}$"
     }
 
-    assert len(known) > 3
-    for pattern in known:
+    assert len(patterns) > 3
+    for pattern in patterns:
         error = InvalidValue(
             type="string_pattern_mismatch",
             loc=("body", "name"),

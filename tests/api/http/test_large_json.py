@@ -56,9 +56,9 @@ def test_large_json_is_parsed_serially_without_blocking_small_requests(service):
                 for number in range(20):
                     assert put(service, f"small-{number}") == 201
                     assert client.get("/healthz").status_code == 200
-            assert not any(one.done() for one in large)
+            assert not any(request.done() for request in large)
 
-        assert [one.result() for one in large] == [201, 201, 422]
+        assert [request.result() for request in large] == [201, 201, 422]
 
 
 def test_annotation_of_10000_boxes_with_8_vertices_is_parsed():

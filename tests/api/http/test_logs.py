@@ -41,11 +41,11 @@ def log_lines_for(server, path):
 def test_request_log_line_has_id_route_status_duration_and_caller(start_api):
     server, api = start_api()
 
-    answer = api.http.get(
+    response = api.http.get(
         f"{BASE}/datasets/none", headers={"X-Request-ID": "night-shift.7"}
     )
 
-    assert answer.headers["X-Request-ID"] == "night-shift.7"
+    assert response.headers["X-Request-ID"] == "night-shift.7"
     (line,) = log_lines_for(server, f"{BASE}/datasets/none")
     assert line.pop("time").endswith("Z")
     assert line.pop("duration_ms") >= 0
@@ -80,10 +80,12 @@ def test_long_path_is_cut_in_the_log(start_api):
     ids=repr,
 )
 def test_invalid_request_id_is_replaced(admin, harmful):
-    answer = admin.get("/healthz", headers={"X-Request-ID": harmful.encode("latin-1")})
+    response = admin.get(
+        "/healthz", headers={"X-Request-ID": harmful.encode("latin-1")}
+    )
 
-    assert answer.headers["X-Request-ID"].isalnum()
-    assert len(answer.headers["X-Request-ID"]) == 32
+    assert response.headers["X-Request-ID"].isalnum()
+    assert len(response.headers["X-Request-ID"]) == 32
 
 
 def test_log_format_text_writes_plain_text(start_server):
@@ -133,10 +135,10 @@ def call_all_routes(api):
     for path, methods in document["paths"].items():
         url = re.sub(r"\{\w+\}", "1", path)
         for method in sorted({"get", "put", "post", "patch", "delete"} & {*methods}):
-            answer = api.http.request(
+            response = api.http.request(
                 method, url, json={"any": SECRET}, params={"q": SECRET}, headers=headers
             )
-            statuses.append(answer.status_code)
+            statuses.append(response.status_code)
     assert len(statuses) > 50
     assert max(statuses) < 500
     return statuses
@@ -150,14 +152,14 @@ def send_valid_writes(api, name, box):
     body = {"verdict": "reject", "comment": SECRET, "seen_revision": 0}
     url = f"{BASE}/boxes/{box}/reviews"
     said = [api.http.post(url, json=body, headers=headers) for _ in range(2)]
-    answers = [
+    responses = [
         *said,
         api.post("/reviews/bulk", bulk),
         api.put(name, "c", {**scene.annotation(), "map": SECRET}),
         archives.send(api, name, archives.tar_archive(archives.frame("b", map=SECRET))),
         api.get(f"/datasets/{name}"),
     ]
-    return [answer.status_code for answer in answers]
+    return [response.status_code for response in responses]
 
 
 def send_invalid_requests(server, api, name):
@@ -165,7 +167,7 @@ def send_invalid_requests(server, api, name):
     text = {"Content-Type": f"text/{SECRET}"}
     form = {"Content-Type": f"multipart/form-data; boundary={SECRET}"}
     frame = f"{BASE}/datasets/{name}/frames/d"
-    answers = [
+    responses = [
         api.http.get("/version", params={"token": SECRET}),
         api.http.get(f"/login/{TOKEN}"),
         api.post("/datasets", {"name": [SECRET], SECRET: SECRET}),
@@ -177,13 +179,13 @@ def send_invalid_requests(server, api, name):
         archives.send(api, name, SECRET.encode() * 99, text),
         archives.send(api, name, SECRET.encode() * 999),
     ]
-    return [answer.status_code for answer in answers]
+    return [response.status_code for response in responses]
 
 
 def send_credentials(server, made):
     """Requests with valid and invalid tokens, sessions and codes; their statuses."""
     with plain_http.Client(base_url=server.url) as client:
-        answers = [
+        responses = [
             client.get("/version", headers={"Authorization": f"Bearer {TOKEN}"}),
             client.get("/version", headers={"Authorization": f"Basic {SECRET}"}),
             client.get("/version", headers={"Cookie": f"unghost_session={SECRET}"}),
@@ -195,7 +197,7 @@ def send_credentials(server, made):
         session = {"Authorization": f"Bearer {opened['session']}"}
         bearer = {"Authorization": f"Bearer {made}"}
         code = client.post(f"{BASE}/login-codes", headers=bearer).json()["code"]
-        answers += [
+        responses += [
             client.get(f"/{code}", headers=session),
             client.get(f"{BASE}/exports/1/file", params={"key": f"ud_{SECRET}"}),
             client.post(f"{BASE}/session", json={"code": code}),
@@ -204,26 +206,26 @@ def send_credentials(server, made):
     log = server.log.read_text("utf-8")
     assert opened["session"] not in log
     assert code not in log
-    return [answer.status_code for answer in answers]
+    return [response.status_code for response in responses]
 
 
 def send_malformed_request(server):
     with open_connection(server.url) as connection:
         connection.sendall(f"GET /{SECRET}\r\nnot http at all\r\n\r\n".encode())
         with connection.makefile("rb") as stream:
-            answer = stream.read().decode()
-    (request_id,) = re.findall(r"^x-request-id: (\w+)\r$", answer, re.MULTILINE)
-    assert answer.startswith("HTTP/1.1 400 ")
+            response = stream.read().decode()
+    (request_id,) = re.findall(r"^x-request-id: (\w+)\r$", response, re.MULTILINE)
+    assert response.startswith("HTTP/1.1 400 ")
     log_with(server, f'"request_id":"{request_id}"')
 
 
 def test_logged_database_error_does_not_contain_the_written_values(service, caplog):
     with service.admin() as client:
-        answers = [
+        responses = [
             client.post("/probe/tokens/early", json={"name": SECRET}) for _ in range(2)
         ]
 
     lines = [JsonLines().format(record) for record in caplog.records]
-    assert [answer.status_code for answer in answers] == [201, 409]
+    assert [response.status_code for response in responses] == [201, 409]
     assert any("INSERT INTO tokens" in line for line in lines)
     assert [line for line in lines if SECRET in line] == []

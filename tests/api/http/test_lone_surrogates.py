@@ -16,11 +16,11 @@ def street(api):
     api.post("/datasets", {"name": "street"})
 
 
-def problem_of(answer):
+def problem_of(response):
     """The problem document of an answer with a 4xx status."""
-    assert 400 <= answer.status_code < 500, answer.text
-    assert answer.headers["content-type"] == "application/problem+json"
-    return answer.json()
+    assert 400 <= response.status_code < 500, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    return response.json()
 
 
 @pytest.mark.parametrize(
@@ -39,11 +39,11 @@ def problem_of(answer):
 def test_surrogate_in_any_field_of_a_json_body_is_refused(api, path, body):
     content = json.dumps(body).encode()
 
-    answer = api.http.post(
+    response = api.http.post(
         BASE + path, content=content, headers={"Content-Type": "application/json"}
     )
 
-    assert "surrogate" in problem_of(answer)["detail"]
+    assert "surrogate" in problem_of(response)["detail"]
 
 
 @pytest.mark.parametrize(
@@ -63,9 +63,9 @@ def test_surrogate_in_a_path_query_or_header_causes_no_500(api, path, headers):
     headers = {**dict(api.http.headers.raw), **headers}
 
     for method in ("GET", "POST"):
-        answer = api.http.request(method, url, headers=headers)
+        response = api.http.request(method, url, headers=headers)
 
-        assert answer.status_code < 500, answer.text
+        assert response.status_code < 500, response.text
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ def test_surrogate_in_any_field_of_an_annotation_is_refused(api, place):
 
 @pytest.mark.parametrize("text", ['"\\ud800": 1', 'classes: {"\\ud800": {}}'])
 def test_surrogate_in_a_configuration_is_refused(api, text):
-    answer = api.http.post(
+    response = api.http.post(
         f"{BASE}/datasets/street/configs",
         content=text,
         headers={"Content-Type": "application/yaml"},
     )
 
-    assert "surrogate" in problem_of(answer)["detail"]
+    assert "surrogate" in problem_of(response)["detail"]
 
 
 @pytest.mark.parametrize("name", [b"\xed\xa0\x80", b"a\xff"])

@@ -127,8 +127,8 @@ def test_open_body_limit_returns_503(service, bearers, sender):
 
 
 def test_refused_body_can_be_retried_on_the_same_connection(service, bearers, sender):
-    one = bearers[0]
-    first, second = sender(one), sender(one)
+    bearer = bearers[0]
+    first, second = sender(bearer), sender(bearer)
     first.announce(BODY)
     until_counted(service, BODY)
     second.announce(BODY)
@@ -278,10 +278,10 @@ def traced_memory_without_gc():
 @pytest.mark.parametrize("what", REFUSED)
 def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what):
     method, path, (media_type, content) = REFUSED[what]
-    one = sender(bearers[0])
+    client = sender(bearers[0])
 
     def send():
-        one.begin(
+        client.begin(
             {
                 "Content-Length": len(content),
                 "Content-Type": media_type,
@@ -291,7 +291,7 @@ def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what):
             path=path,
             sent=content,
         )
-        status, _, body = one.answer()
+        status, _, body = client.answer()
         assert status >= 400 or b'"refused":1' in body.replace(b" ", b""), body
         until_free(service)
 

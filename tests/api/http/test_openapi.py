@@ -84,8 +84,8 @@ def test_the_document_and_its_page_need_no_token(schema, service):
 def test_every_field_and_parameter_is_described(schema, operations):
     fields = {
         f"{name}.{field}": of_field
-        for name, one in schema["components"]["schemas"].items()
-        for field, of_field in one.get("properties", {}).items()
+        for name, model in schema["components"]["schemas"].items()
+        for field, of_field in model.get("properties", {}).items()
         if name != "Note"  # of the probes
     }
     parameters = {
@@ -97,14 +97,14 @@ def test_every_field_and_parameter_is_described(schema, operations):
 
     assert len(fields) > 500
     bare = {**fields, **parameters}
-    assert [name for name, one in bare.items() if not one.get("description")] == []
+    assert [name for name, model in bare.items() if not model.get("description")] == []
 
 
 def test_no_default_becomes_a_required_field_of_a_generated_client(schema):
     assert [
         f"{name}.{field}"
-        for name, one in schema["components"]["schemas"].items()
-        for field, of_field in one.get("properties", {}).items()
+        for name, model in schema["components"]["schemas"].items()
+        for field, of_field in model.get("properties", {}).items()
         if "default" in of_field
     ] == []
 
@@ -118,9 +118,9 @@ def test_the_schema_of_an_annotation_has_the_keys_that_the_library_reads(schema)
 
 def test_every_error_is_a_problem_document(schema, operations):
     for operation in operations.values():
-        for status, answer in operation["responses"].items():
+        for status, response in operation["responses"].items():
             if int(status) >= 400:
-                content = resolve(schema, answer["$ref"])["content"]
+                content = resolve(schema, response["$ref"])["content"]
                 assert list(content) == [PROBLEM_TYPE]
 
 
@@ -136,7 +136,7 @@ def test_every_route_declares_its_error_responses(operations):
 
 def test_every_post_takes_an_idempotency_key(operations):
     for (method, _), operation in operations.items():
-        names = [one["name"] for one in operation.get("parameters", ())]
+        names = [parameter["name"] for parameter in operation.get("parameters", ())]
         assert ("Idempotency-Key" in names) == (method == "post")
 
 
@@ -149,10 +149,12 @@ def test_every_operation_has_a_unique_id_and_a_description(operations):
 
     names = [operation["operationId"] for operation in ours]
     assert len(set(names)) == len(names)
-    assert [one["operationId"] for one in ours if not one.get("description")] == []
+    assert [
+        route["operationId"] for route in ours if not route.get("description")
+    ] == []
 
 
 def test_no_route_takes_a_url(schema, operations):
     assert "webhooks" not in schema
-    assert [where for where, one in operations.items() if "callbacks" in one] == []
+    assert [where for where, route in operations.items() if "callbacks" in route] == []
     assert set(formats(schema)) & {"uri", "uri-reference", "iri", "url"} == set()

@@ -52,29 +52,30 @@ def test_page_has_one_style_sheet_with_all_of_its_styles(anonymous):
     sheets = re.findall(r'rel="stylesheet" href="/static/([^"]+)"', source)
 
     assert named == [f"{versioned_static_path(anonymous)}styles.css"]
-    answer = anonymous.get(named[0])
+    response = anonymous.get(named[0])
 
-    assert answer.headers["content-type"] == TYPES["css"]
-    assert "immutable" in answer.headers["cache-control"]
+    assert response.headers["content-type"] == TYPES["css"]
+    assert "immutable" in response.headers["cache-control"]
     places = [
-        answer.text.index((static_dir() / sheet).read_text("utf-8")) for sheet in sheets
+        response.text.index((static_dir() / sheet).read_text("utf-8"))
+        for sheet in sheets
     ]
     assert places == sorted(places)
     assert {"css/base.css", "css/grid.css", "vendor/uplot-1.6.32.css"} < set(sheets)
     # They would be searched for in the folder of the one sheet.
-    assert "url(" not in answer.text
-    assert "@import" not in answer.text
+    assert "url(" not in response.text
+    assert "@import" not in response.text
 
 
 @pytest.mark.parametrize(
     "name", {name.rpartition(".")[2]: name for name in FILES}.values()
 )
 def test_static_file_has_its_content_type(anonymous, name):
-    answer = anonymous.get(f"/static/{name}")
+    response = anonymous.get(f"/static/{name}")
 
-    assert answer.content == (static_dir() / name).read_bytes()
-    assert answer.headers["content-type"] == TYPES[name.rpartition(".")[2]]
-    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert response.content == (static_dir() / name).read_bytes()
+    assert response.headers["content-type"] == TYPES[name.rpartition(".")[2]]
+    assert response.headers["x-content-type-options"] == "nosniff"
 
 
 def test_if_none_match_of_a_static_file_returns_304(anonymous):
@@ -97,20 +98,20 @@ def versioned_static_path(client):
 def test_versioned_static_files_are_cached_as_immutable(anonymous):
     page = anonymous.get("/")
 
-    answer = anonymous.get(f"{versioned_static_path(anonymous)}{FILES[0]}")
+    response = anonymous.get(f"{versioned_static_path(anonymous)}{FILES[0]}")
 
     assert page.headers["cache-control"] == "no-cache"
-    assert "immutable" in answer.headers["cache-control"]
-    assert answer.content == (static_dir() / FILES[0]).read_bytes()
+    assert "immutable" in response.headers["cache-control"]
+    assert response.content == (static_dir() / FILES[0]).read_bytes()
     assert re.findall(r'"/static/(?!v-)[^"]*', page.text) == []
 
 
 @pytest.mark.parametrize("below", ["", "v-0123456789abcdef/"])
 def test_static_file_of_another_version_has_cache_control_no_cache(anonymous, below):
-    answer = anonymous.get(f"/static/{below}{FILES[0]}")
+    response = anonymous.get(f"/static/{below}{FILES[0]}")
 
-    assert answer.content == (static_dir() / FILES[0]).read_bytes()
-    assert answer.headers["cache-control"] == "no-cache"
+    assert response.content == (static_dir() / FILES[0]).read_bytes()
+    assert response.headers["cache-control"] == "no-cache"
 
 
 @pytest.mark.parametrize("change", ["changed", "added", "removed"])

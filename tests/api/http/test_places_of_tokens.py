@@ -32,11 +32,11 @@ def blocked(service, admin, way, count):
     method, path, most = WAYS[way]
     probe_routes.unblock.clear()
     with new_reviewer(service, admin) as greedy, ThreadPoolExecutor(count) as threads:
-        asked = [threads.submit(greedy.request, method, path) for _ in range(count)]
+        requests = [threads.submit(greedy.request, method, path) for _ in range(count)]
         try:
             for _ in range(most):
                 assert probe_routes.waiting.acquire(timeout=PATIENCE_S)
-            yield greedy, asked
+            yield greedy, requests
         finally:
             probe_routes.unblock.set()
 
@@ -45,13 +45,13 @@ def blocked(service, admin, way, count):
 def test_requests_of_one_token_do_not_block_others(serve, way):
     service = serve()
     with service.admin() as admin:
-        with blocked(service, admin, way, 60) as (_, asked):
+        with blocked(service, admin, way, 60) as (_, requests):
             reading = admin.get("/api/v1/datasets")
             writing = admin.post("/api/v1/datasets", json={"name": "street"})
-        answers = {one.result().status_code for one in asked}
+        statuses = {request.result().status_code for request in requests}
 
     assert (reading.status_code, writing.status_code) == (200, 201)
-    assert answers == {200}
+    assert statuses == {200}
 
 
 def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
@@ -77,7 +77,7 @@ def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
         admin.get("/healthz")  # by now the service knows that they have left
         probe_routes.unblock.set()
         last = greedy.post("/probe/tokens", json={"name": "last"})
-        names = [one["name"] for one in admin.get("/api/v1/tokens").json()["items"]]
+        names = [token["name"] for token in admin.get("/api/v1/tokens").json()["items"]]
 
     assert last.status_code == 201
     assert names == ["admin", "greedy", "last"]

@@ -56,13 +56,13 @@ def test_no_get_has_a_side_effect(service, admin, path_values):
 def test_only_the_page_and_the_api_docs_are_html(admin, path_values):
     pages, with_markup = set(), 0
     for path in paths_of_get_routes(path_values):
-        answer = admin.get(path)
-        if answer.headers.get("content-type", "").startswith("text/html"):
+        response = admin.get(path)
+        if response.headers.get("content-type", "").startswith("text/html"):
             pages.add(path)
-            assert "onerror" not in answer.text
-        with_markup += MARKUP in answer.text.replace("\\u003c", "<")
-        assert answer.headers["x-content-type-options"] == "nosniff"
-        assert "unsafe" not in answer.headers["content-security-policy"]
+            assert "onerror" not in response.text
+        with_markup += MARKUP in response.text.replace("\\u003c", "<")
+        assert response.headers["x-content-type-options"] == "nosniff"
+        assert "unsafe" not in response.headers["content-security-policy"]
 
     assert pages == {"/", "/docs"}
     assert with_markup >= 3
@@ -70,10 +70,10 @@ def test_only_the_page_and_the_api_docs_are_html(admin, path_values):
 
 @pytest.mark.parametrize("query", ["", "?callback=alert", "?jsonp=alert"])
 def test_error_with_markup_in_its_path_is_json(admin, query):
-    answer = admin.get(f"/api/v1/datasets/{MARKUP}{query}")
+    response = admin.get(f"/api/v1/datasets/{MARKUP}{query}")
 
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert answer.status_code == (400 if query else 404)
+    assert response.headers["content-type"] == "application/problem+json"
+    assert response.status_code == (400 if query else 404)
 
 
 def test_accept_header_of_html_is_answered_with_json(admin, path_values):
@@ -90,8 +90,8 @@ def test_accept_header_of_html_is_answered_with_json(admin, path_values):
 def test_get_with_a_method_override_does_not_delete(admin, path_values):
     tricks = {"X-HTTP-Method-Override": "DELETE", "X-Method-Override": "DELETE"}
 
-    answer = admin.get("/api/v1/datasets/street", headers=tricks)
+    response = admin.get("/api/v1/datasets/street", headers=tricks)
 
-    assert answer.status_code == 200
+    assert response.status_code == 200
     assert admin.get("/api/v1/datasets/street?_method=DELETE").status_code == 400
-    assert re.match(r"application/json", answer.headers["content-type"])
+    assert re.match(r"application/json", response.headers["content-type"])

@@ -87,8 +87,8 @@ def image_png(width, height):
 
 def boxes(count):
     box = {"class": "car", "xyxy": [0, 0, 9, 9]}
-    found = [{**box, "id": str(number)} for number in range(count)]
-    return json.dumps({**scene.annotation(), "boxes": found})
+    named = [{**box, "id": str(number)} for number in range(count)]
+    return json.dumps({**scene.annotation(), "boxes": named})
 
 
 REFUSED = {
@@ -131,10 +131,10 @@ REFUSED = {
 def test_request_over_a_limit_is_refused_and_names_the_limit(admin, name):
     status, ask = REFUSED[name]
 
-    answer = ask(admin)
+    response = ask(admin)
 
-    assert answer.status_code == status, answer.text
-    said = answer.json()["detail"].replace(",", "")
+    assert response.status_code == status, response.text
+    said = response.json()["detail"].replace(",", "")
     assert str(LIMITS[name]) in said
     assert admin.get(f"{STREET}/frames").json()["items"] == []
 
@@ -146,9 +146,9 @@ def test_frame_at_its_limits_is_stored(serve):
     with service.admin() as client:
         client.post("/api/v1/datasets", json={"name": "street"})
 
-        answer = put(client, image=scene.image(), segmentation=scene.segmentation())
+        response = put(client, image=scene.image(), segmentation=scene.segmentation())
 
-    assert answer.status_code == 201, answer.text
+    assert response.status_code == 201, response.text
 
 
 def test_every_limit_has_a_test():

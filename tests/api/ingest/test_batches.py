@@ -113,8 +113,8 @@ def test_repeated_key_with_other_content_is_409_unless_replaced(api, replace):
     dataset = api.dataset()
     members = frame("a") + frame("b", key="run/a", map="Town01") + frame("a")
 
-    wanted = {"replace": "true"} if replace else {}
-    statuses, _ = batch_results(send(api, dataset, tar_archive(members), **wanted))
+    parameters = {"replace": "true"} if replace else {}
+    statuses, _ = batch_results(send(api, dataset, tar_archive(members), **parameters))
 
     assert [status for _, status in statuses] == (
         [201, 201, 201] if replace else [201, 409, 200]
@@ -154,9 +154,9 @@ def test_frame_with_a_new_class_does_not_fail_others_of_its_batch(api):
     assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
     dragon = [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]
 
-    answer = send(api, dataset, tar_archive(frame("b", boxes=dragon) + frame("c")))
+    response = send(api, dataset, tar_archive(frame("b", boxes=dragon) + frame("c")))
 
-    refused, stored, _ = lines_of(answer.text)
+    refused, stored, _ = lines_of(response.text)
     assert (refused["status"], refused["problem"]["code"]) == (422, "unknown_class")
     assert stored["status"] == 201
 
@@ -167,11 +167,11 @@ def test_frames_of_a_batch_that_add_too_many_classes_do_not_fail_the_others(api)
     for key in ("a", "b", "c"):  # each alone would fit
         boxes = [{"class": f"of {key}", "xyxy": scene.ON_THE_CAR}]
         members += frame(key, boxes=boxes)
-    known = [{"class": "class 5", "xyxy": scene.ON_THE_CAR}]
+    boxes = [{"class": "class 5", "xyxy": scene.ON_THE_CAR}]
 
-    answer = send(api, dataset, tar_archive(members + frame("d", boxes=known)))
+    response = send(api, dataset, tar_archive(members + frame("d", boxes=boxes)))
 
-    *lines, last = lines_of(answer.text)
+    *lines, last = lines_of(response.text)
     assert [line["status"] for line in lines] == [201, 422, 422, 201]
     assert {line["problem"]["code"] for line in lines[1:3]} == {"too_many_classes"}
     assert (last["stored"], last["refused"]) == (2, 2)
@@ -198,9 +198,9 @@ def test_frames_of_a_batch_that_add_too_many_classes_do_not_fail_the_others(api)
 def test_batch_body_that_is_not_a_tar_archive_is_refused(
     api, headers, content, status, code
 ):
-    answer = send(api, api.dataset(), content, headers)
+    response = send(api, api.dataset(), content, headers)
 
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert (response.status_code, response.json()["code"]) == (status, code)
 
 
 def test_frames_before_the_damaged_part_of_an_archive_are_stored(api):
@@ -302,7 +302,7 @@ def test_idempotency_key_has_no_effect_on_a_batch(api):
     first = send(api, dataset, archive, headers)
     again = send(api, dataset, archive, headers)
 
-    assert [batch_results(answer)[0] for answer in (first, again)] == [
+    assert [batch_results(response)[0] for response in (first, again)] == [
         [("run/a", 201)],
         [("run/a", 200)],
     ]

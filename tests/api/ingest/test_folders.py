@@ -47,10 +47,10 @@ def post_folder(client, content, headers=TAR, **parameters):
     return client.post(path, content=content, headers=headers, params=parameters)
 
 
-def parse_response(answer):
+def parse_response(response):
     """The parts of an answer: first line, frames by key, unmatched files, last line."""
-    assert answer.status_code == 200, answer.text
-    head, *lines, end = lines_of(answer.text)
+    assert response.status_code == 200, response.text
+    head, *lines, end = lines_of(response.text)
     frames = {line["key"]: line for line in lines if "key" in line}
     unmatched = {line["path"]: line["why"] for line in lines if "path" in line}
     assert (end["frames"], end["unmatched"]) == (len(frames), len(unmatched))
@@ -76,7 +76,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
         "config": {},
         "count": here.count,
     }
-    assert unmatched == {one.path: one.why for one in here.unmatched}
+    assert unmatched == {file.path: file.why for file in here.unmatched}
     (frame,) = frames.values()
     (expected,) = here
     paths = {"image": expected.image, "segmentation": expected.segmentation}
@@ -303,7 +303,7 @@ def test_several_layouts_are_listed_and_one_can_be_chosen(admin):
     assert (second["layout"], second["layouts"]) == ("yolo", ["voc", "yolo"])
     assert second["titles"] == {"voc": "Pascal VOC", "yolo": "YOLO (Ultralytics)"}
     (remark,) = (
-        one for one in end["inspection"]["remarks"] if "could be" in one["text"]
+        note for note in end["inspection"]["remarks"] if "could be" in note["text"]
     )
     assert remark["finding"].endswith("could be voc or yolo, and are read as voc")
     remedies = [{"place": ["layout"], "value": name} for name in ("voc", "yolo")]
@@ -369,16 +369,16 @@ def test_folder_is_inspected_by_those_of_its_images_that_were_sent_whole(
     picture = told["streams"][0]
     assert picture["pattern"] == "{part}/images/{frame}.png"
     assert picture["example"] in files
-    assert [(one["role"], one["images"]) for one in told["streams"]] == [
-        (one.role, one.images) for one in by_role(here)
+    assert [(stream["role"], stream["images"]) for stream in told["streams"]] == [
+        (stream.role, stream.images) for stream in by_role(here)
     ]
-    known = ("name", "boxes", "measured_as", "nearest", "tags")
-    assert [[one[key] for key in known] for one in told["classes"]] == [
-        [one.name, one.boxes, one.measured_as, one.nearest, [*one.tags]]
-        for one in here.classes
+    names = ("name", "boxes", "measured_as", "nearest", "tags")
+    assert [[row[key] for key in names] for row in told["classes"]] == [
+        [row.name, row.boxes, row.measured_as, row.nearest, [*row.tags]]
+        for row in here.classes
     ]
     counts = [
-        (one["kept"], one["rejected"], one["unmeasured"]) for one in told["classes"]
+        (row["kept"], row["rejected"], row["unmeasured"]) for row in told["classes"]
     ]
     assert counts == [(2, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 0)]
     (painted,) = told["painted"]
@@ -387,7 +387,7 @@ def test_folder_is_inspected_by_those_of_its_images_that_were_sent_whole(
     )
     assert base64.b64decode(painted["jpeg"])[:3] == b"\xff\xd8\xff"
     assert painted["boxes"][0]["verdict"] == "kept"
-    texts = [one["text"] for one in told["remarks"]]
+    texts = [note["text"] for note in told["remarks"]]
     assert any("`classes: {Caar: car}`" in text for text in texts)
     assert not any("--" in text for text in texts)
     assert told["given"] == {"segmentation": {"palette": "carla-0.9.14"}}
@@ -407,7 +407,7 @@ def test_role_of_a_stream_is_told_by_any_image_that_was_sent_whole(admin, sent):
 
     *_, end = parse_response(post_folder(admin, files))
 
-    roles = {one["role"]: one for one in end["inspection"]["streams"]}
+    roles = {stream["role"]: stream for stream in end["inspection"]["streams"]}
     assert (roles["segmentation"]["images"], roles["image"]["images"]) == (12, 12)
     assert roles["segmentation"]["told_by"] == ["pixels"]
     assert end["notes"] == []
@@ -428,9 +428,9 @@ def test_role_of_a_stream_is_told_by_any_image_that_was_sent_whole(admin, sent):
 def test_body_that_is_not_a_folder_archive_is_refused(
     admin, content, headers, layout, status
 ):
-    answer = post_folder(admin, content, headers, layout=layout)
+    response = post_folder(admin, content, headers, layout=layout)
 
-    assert answer.status_code == status, answer.text
+    assert response.status_code == status, response.text
 
 
 def test_xml_with_entities_is_a_fault_of_its_frame(admin):
@@ -453,7 +453,7 @@ def test_damaged_pictures_are_said_and_stop_nothing(admin):
     _, frames, _, end = parse_response(post_folder(admin, files))
 
     assert [frame["fault"] for frame in frames.values()] == [None, None]
-    said = [one["text"] for one in end["inspection"]["remarks"] if one["is_serious"]]
+    said = [note["text"] for note in end["inspection"]["remarks"] if note["is_serious"]]
     (pictures,) = (text for text in said if "that were looked at" in text)
     assert pictures.startswith(
         "2 of 2 frames that were looked at cannot be used (bad_image), such as a: "
@@ -463,10 +463,13 @@ def test_damaged_pictures_are_said_and_stop_nothing(admin):
 def test_folder_over_the_time_limit_is_refused(serve, tmp_path):
     labels = {f"labels/train/{number}.txt": YOLO_LINE for number in range(2000)}
     with serve(max_folder_seconds=0.001).admin() as admin:
-        answer = post_folder(admin, {**LAYOUT_FILES["yolo"], **labels})
+        response = post_folder(admin, {**LAYOUT_FILES["yolo"], **labels})
 
-        assert (answer.status_code, answer.json()["code"]) == (422, "pixels_refused")
-        assert "UNGHOST_MAX_FOLDER_SECONDS" in answer.json()["detail"]
+        assert (response.status_code, response.json()["code"]) == (
+            422,
+            "pixels_refused",
+        )
+        assert "UNGHOST_MAX_FOLDER_SECONDS" in response.json()["detail"]
         wait_until_files_are_removed(tmp_path)
 
 
@@ -476,11 +479,11 @@ def test_too_large_file_is_unmatched_and_too_large_answer_refused(serve):
         large = {"1.txt": bytes(16_001), "2.txt": YOLO_LINE, "classes.txt": b"car"}
         _, frames, unmatched, _ = parse_response(post_folder(admin, large))
         many = {"c/label/1.txt": b"0 0 0 0\n" * 1900, "c/img/1.png": b""}
-        answer = post_folder(admin, many)
+        response = post_folder(admin, many)
 
     assert ([*frames], unmatched) == (["2"], {"1.txt": "larger than 16000 bytes"})
-    assert answer.status_code == 422
-    assert "is larger than 81920 bytes" in answer.json()["detail"]
+    assert response.status_code == 422
+    assert "is larger than 81920 bytes" in response.json()["detail"]
 
 
 def test_folder_upload_counts_as_an_open_batch(serve):
@@ -492,10 +495,10 @@ def test_folder_upload_counts_as_an_open_batch(serve):
         let_go.wait(60)
         yield archive(LAYOUT_FILES["yolo"])[512:]
 
-    answers = []
+    responses = []
     with service.admin() as sender, service.admin() as admin:
         sending = threading.Thread(
-            target=lambda: answers.append(post_folder(sender, slow()))
+            target=lambda: responses.append(post_folder(sender, slow()))
         )
 
         def is_open():
@@ -509,4 +512,4 @@ def test_folder_upload_counts_as_an_open_batch(serve):
         sending.join()
 
     assert (refused.status_code, refused.json()["code"]) == (429, "too_many_requests")
-    assert parse_response(answers[0])[1]["train/1"]["fault"] is None
+    assert parse_response(responses[0])[1]["train/1"]["fault"] is None

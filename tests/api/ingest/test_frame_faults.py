@@ -64,10 +64,10 @@ def assert_nothing_stored(api, dataset):
 def test_invalid_annotation_is_refused_and_nothing_is_stored(api, sent, code, words):
     dataset = api.dataset()
 
-    answer = api.put(dataset, "town/1", sent)
+    response = api.put(dataset, "town/1", sent)
 
-    problem = answer.json()
-    assert (answer.status_code, problem["code"]) == (422, code), problem
+    problem = response.json()
+    assert (response.status_code, problem["code"]) == (422, code), problem
     assert words in problem["detail"]
     assert_nothing_stored(api, dataset)
     (noted,) = api.json(f"/datasets/{dataset}/problems")["items"]
@@ -94,10 +94,10 @@ def test_frame_with_an_invalid_file_is_refused(api, part, content, code, words):
     dataset = api.dataset()
     files = {"image": scene.image(), "segmentation": scene.segmentation()}
 
-    answer = api.put(dataset, "a", **(files | {part: content}))
+    response = api.put(dataset, "a", **(files | {part: content}))
 
-    problem = answer.json()
-    assert (answer.status_code, problem["code"]) == (422, code), problem
+    problem = response.json()
+    assert (response.status_code, problem["code"]) == (422, code), problem
     assert problem["detail"].startswith("frame a")
     assert words in problem["detail"]
     assert [fault["pointer"] for fault in problem["errors"]] == [f"/{part}"]
@@ -125,7 +125,7 @@ def test_lossy_segmentation_is_read_on_request_and_marked_lossy(api):
     stored = api.upload_frame(dataset, "a", segmentation=segmentation_jpeg())
 
     assert stored["segmentation"]["lossy"] is True
-    assert [one["lossy"] for one in stored["decisions"]] == [True, True]
+    assert [box["lossy"] for box in stored["decisions"]] == [True, True]
     assert api.verdicts(dataset) == {"real": "kept", "ghost": "rejected"}
     assert api.json(f"/datasets/{dataset}/stats")["lossy"] == 2
     (summary,) = api.json(f"/datasets/{dataset}/frames")["items"]
@@ -135,11 +135,11 @@ def test_lossy_segmentation_is_read_on_request_and_marked_lossy(api):
 def test_frame_of_unknown_size_is_refused(api):
     dataset = api.dataset()
 
-    answer = api.put(dataset, "a", {"boxes": [BOX]}, depth=scene.image())
+    response = api.put(dataset, "a", {"boxes": [BOX]}, depth=scene.image())
     instances = instance_png(scene.tags(), np.full_like(scene.tags(), 7))
     sized = api.put(dataset, "b", {"boxes": [BOX]}, instances=instances)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "unknown_size")
+    assert (response.status_code, response.json()["code"]) == (422, "unknown_size")
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 1
     frame = sized.json()["frame"]
     assert (frame["width"], frame["height"]) == (scene.WIDTH, scene.HEIGHT)
@@ -153,9 +153,9 @@ def test_boxes_with_huge_coordinates_are_decided_without_error(api):
         {"id": "empty", "class": "car", "xyxy": [40, 24, 40, 40]},
     ]
 
-    answer = api.put(api.dataset(), "a", scene.annotation_of(*far))
+    response = api.put(api.dataset(), "a", scene.annotation_of(*far))
 
-    reasons = {one["id"]: one["reason"] for one in answer.json()["decisions"]}
+    reasons = {box["id"]: box["reason"] for box in response.json()["decisions"]}
     assert reasons == {
         "far": "outside_image",
         "wide": "outside_image",
@@ -170,11 +170,11 @@ def test_frame_with_numbers_in_another_unit_is_refused(api):
     dataset, published = api.dataset(), api.dataset_of_one_frame()
     api.run(published, {"profile": "carlasimu"})
 
-    answer = api.put(dataset, "a", scene.annotation_of(right, car))
+    response = api.put(dataset, "a", scene.annotation_of(right, car))
     as_published = api.put(published, "b", scene.annotation_of(right, car))
 
-    assert (answer.status_code, as_published.status_code) == (422, 201)
-    (fault,) = answer.json()["errors"]
+    assert (response.status_code, as_published.status_code) == (422, 201)
+    (fault,) = response.json()["errors"]
     assert (fault["pointer"], fault["code"]) == ("/boxes/1/xyxyn", "wrong_unit")
     assert 'box 1 (id "A")' in fault["detail"]
     assert "looks like pixels" in fault["detail"]

@@ -23,8 +23,8 @@ def test_same_frame_again_is_200_in_any_order_of_its_json_keys(api):
     again = [api.put(dataset, "a"), api.put(dataset, "a", spaced)]
     replaced = api.put(dataset, "a", spaced, replace=True)
 
-    assert [answer.status_code for answer in (*again, replaced)] == [200, 200, 200]
-    assert [answer.json() for answer in (*again, replaced)] == [first.json()] * 3
+    assert [response.status_code for response in (*again, replaced)] == [200, 200, 200]
+    assert [response.json() for response in (*again, replaced)] == [first.json()] * 3
     assert again[0].headers["location"] == first.headers["location"]
 
 
@@ -41,10 +41,10 @@ def test_other_content_of_the_same_frame_key_is_409(api, other):
     dataset = api.dataset()
     first = api.upload_frame(dataset, "a")
 
-    answer = api.put(dataset, "a", **other)
+    response = api.put(dataset, "a", **other)
 
-    assert (answer.status_code, answer.json()["code"]) == (409, "frame_conflict")
-    assert "?replace=true" in answer.json()["detail"]
+    assert (response.status_code, response.json()["code"]) == (409, "frame_conflict")
+    assert "?replace=true" in response.json()["detail"]
     assert api.json(f"/frames/{first['frame']['id']}")["revision"] == 1
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 0
 
@@ -178,9 +178,9 @@ def test_deleting_a_frame_deletes_its_boxes_and_answers(api):
     api.review(gone["decisions"][0]["box_id"], "reject")
     path = f"{BASE}/datasets/{dataset}/frames/a/1"
 
-    answers = [api.http.delete(path), api.http.delete(path)]
+    responses = [api.http.delete(path), api.http.delete(path)]
 
-    assert [answer.status_code for answer in answers] == [204, 404]
+    assert [response.status_code for response in responses] == [204, 404]
     box = gone["decisions"][0]["box_id"]
     for url in (f"/frames/{gone['frame']['id']}", f"/boxes/{box}"):
         assert api.get(url).status_code == 404
@@ -204,8 +204,8 @@ def town(api):
     return dataset
 
 
-def keys(answer):
-    return [item["key"] for item in answer["items"]]
+def keys(response):
+    return [item["key"] for item in response["items"]]
 
 
 def test_listed_frame_has_its_counts_and_which_files_it_has(api):
@@ -230,9 +230,9 @@ def test_frame_pagination_by_key_or_id_in_both_directions(api, town, sort):
 
     seen, path = [], f"{BASE}/datasets/{town}/frames?limit=2&sort={sort}"
     while path:
-        answer = api.http.get(path)
-        seen += [item[by] for item in answer.json()["items"]]
-        path = answer.links.get("next", {}).get("url")
+        response = api.http.get(path)
+        seen += [item[by] for item in response.json()["items"]]
+        path = response.links.get("next", {}).get("url")
 
     assert seen == expected
 

@@ -7,9 +7,9 @@ from tests.support import frames
 
 
 def known(api, dataset, *keys):
-    answer = api.post(f"/datasets/{dataset}/known-frames", {"keys": list(keys)})
-    assert answer.status_code == 200, answer.text
-    return {item["key"]: item for item in answer.json()["items"]}
+    response = api.post(f"/datasets/{dataset}/known-frames", {"keys": list(keys)})
+    assert response.status_code == 200, response.text
+    return {item["key"]: item for item in response.json()["items"]}
 
 
 def test_known_frames_returns_only_stored_keys(api):
@@ -17,10 +17,10 @@ def test_known_frames_returns_only_stored_keys(api):
     frame = api.upload_frame(dataset, "run/ü 1")["frame"]
     api.upload_frame(api.dataset(), "elsewhere")
 
-    found = known(api, dataset, "run/ü 1", "elsewhere", "none")
+    frames = known(api, dataset, "run/ü 1", "elsewhere", "none")
 
-    assert list(found) == ["run/ü 1"]
-    assert found["run/ü 1"]["frame_id"] == frame["id"]
+    assert list(frames) == ["run/ü 1"]
+    assert frames["run/ü 1"]["frame_id"] == frame["id"]
 
 
 def test_frame_digest_is_computed_as_documented(api):
@@ -56,8 +56,8 @@ def test_known_frame_has_the_digest_of_its_newest_revision(api):
 def test_more_than_a_thousand_keys_are_refused(api):
     dataset = api.dataset()
 
-    answer = api.post(
+    response = api.post(
         f"/datasets/{dataset}/known-frames", {"keys": [str(n) for n in range(1001)]}
     )
 
-    assert answer.status_code == 422
+    assert response.status_code == 422

@@ -5,10 +5,10 @@ def test_first_100_faults_of_an_annotation_are_listed_others_counted(api):
     dataset, count = api.dataset(), 400_000
     kept = b'{"boxes": [], "kept": [' + b"1e999," * (count - 1) + b"1e999]}"
 
-    answer = api.put(dataset, "a", kept)
+    response = api.put(dataset, "a", kept)
 
-    problem = answer.json()
-    assert (answer.status_code, problem["code"]) == (422, "bad_annotation")
+    problem = response.json()
+    assert (response.status_code, problem["code"]) == (422, "bad_annotation")
     assert (len(problem["errors"]), problem["more_errors"]) == (100, count - 100)
     assert problem["errors"][99]["pointer"] == "/kept/99"
     assert problem["detail"].endswith(f" (and {count - 1} more)")

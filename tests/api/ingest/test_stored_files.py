@@ -41,9 +41,9 @@ def upload(client, key, image, name="a.png", media_type="image/png", **more):
 
 
 def stored(client, key, image, **how):
-    answer = upload(client, key, image, **how)
-    assert answer.status_code == 201, answer.text
-    return answer.json()["frame"]["id"]
+    response = upload(client, key, image, **how)
+    assert response.status_code == 201, response.text
+    return response.json()["frame"]["id"]
 
 
 @pytest.mark.parametrize(
@@ -60,13 +60,13 @@ def test_image_with_embedded_html_is_served_as_an_image(admin, image):
     name = "x.html"
     frame_id = stored(admin, f"p{len(image)}", image, name=name, media_type="text/html")
 
-    answer = admin.get(f"/api/v1/frames/{frame_id}/image")
+    response = admin.get(f"/api/v1/frames/{frame_id}/image")
 
-    assert answer.content == image
-    assert answer.headers["content-type"] == "image/png"
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert answer.headers["content-security-policy"] == "default-src 'none'; sandbox"
-    assert name not in str(answer.headers)
+    assert response.content == image
+    assert response.headers["content-type"] == "image/png"
+    assert response.headers["x-content-type-options"] == "nosniff"
+    assert response.headers["content-security-policy"] == "default-src 'none'; sandbox"
+    assert name not in str(response.headers)
 
 
 PICTURES = ("image", "segmentation", "depth", "instances", "ignore_mask")
@@ -78,10 +78,10 @@ def test_every_file_of_a_frame_is_served_at_its_url(admin):
     files = {kind: (f"{kind}.png", content) for kind, content in sent.items()}
     annotation = {"annotation": scene.as_json(scene.annotation())}
 
-    answer = admin.put(f"{PATH}/of-every-kind", files={**annotation, **files})
+    response = admin.put(f"{PATH}/of-every-kind", files={**annotation, **files})
 
-    assert answer.status_code == 201, answer.text
-    listed = answer.json()["frame"]["files"]
+    assert response.status_code == 201, response.text
+    listed = response.json()["frame"]["files"]
     assert {
         kind: admin.get(file["url"]).content for kind, file in listed.items()
     } == sent
@@ -93,10 +93,10 @@ def test_svg_or_html_file_is_refused_despite_its_media_type(admin, part, content
     files = {"annotation": scene.as_json(scene.annotation())}
     files |= {part: ("a.png", content, "image/png")}
 
-    answer = admin.put(f"{PATH}/refused", files=files)
+    response = admin.put(f"{PATH}/refused", files=files)
 
     code = "bad_lidar" if part == "lidar" else "bad_image"
-    assert (answer.status_code, answer.json()["code"]) == (422, code)
+    assert (response.status_code, response.json()["code"]) == (422, code)
     assert admin.get(f"{PATH}/refused").status_code == 404
 
 
@@ -109,8 +109,8 @@ def test_uploaded_file_name_is_never_used_as_a_path(service, admin, name):
     upload(admin, "named", scene.image(3), name=name.replace("\0", "%00"))
 
     assert outside_of_blobs(service) == before
-    blobs = [one for one in blobs_of(service) if one.is_file()]
-    assert all(set(one.name) <= set("0123456789abcdef") for one in blobs)
+    blobs = [path for path in blobs_of(service) if path.is_file()]
+    assert all(set(path.name) <= set("0123456789abcdef") for path in blobs)
 
 
 def blobs_of(service):
@@ -135,9 +135,9 @@ def zip_of(*names):
 def test_nested_archive_is_not_unpacked(admin):
     members = [("inner.zip", zip_of("b.json")), *frame("nested")]
 
-    answer = send(Api(admin), "files", tar_archive(members))
+    response = send(Api(admin), "files", tar_archive(members))
 
-    *_, end = lines_of(answer.text)
+    *_, end = lines_of(response.text)
     assert admin.get(f"{PATH}/b").status_code == 404
     assert end["stored"] <= 1
 
@@ -145,9 +145,9 @@ def test_nested_archive_is_not_unpacked(admin):
 def test_macos_files_in_an_archive_are_refused_others_are_stored(admin):
     leftovers = [("__MACOSX/._tidy.json", b"\0\5\26\7"), (".DS_Store", b"\0\0\0\1")]
 
-    answer = send(Api(admin), "files", tar_archive([*leftovers, *frame("tidy")]))
+    response = send(Api(admin), "files", tar_archive([*leftovers, *frame("tidy")]))
 
-    *lines, end = lines_of(answer.text)
+    *lines, end = lines_of(response.text)
     assert {line["status"] for line in lines} == {201, 422}
     assert (end["stored"], "problem" in end) == (1, False)
 
@@ -160,21 +160,21 @@ def test_damaged_segmentation_is_refused(admin, damaged):
     content[at + 4 + (size if damaged == "checksum" else size // 2)] ^= 0xFF
 
     files = {"segmentation": ("s.png", bytes(content), "image/png")}
-    answer = upload(admin, f"damaged-{damaged}", scene.image(4), **files)
+    response = upload(admin, f"damaged-{damaged}", scene.image(4), **files)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "bad_image")
+    assert (response.status_code, response.json()["code"]) == (422, "bad_image")
 
 
 def test_image_with_damaged_pixels_causes_no_server_error(admin):
     content = bytearray(scene.image(5))
     content[content.index(b"IDAT") + 8] ^= 0xFF
 
-    answer = upload(admin, "damaged", bytes(content))
+    response = upload(admin, "damaged", bytes(content))
 
-    assert answer.status_code in {201, 422}
-    if answer.status_code == 201:
-        frame_id = answer.json()["frame"]["id"]
-        box = answer.json()["decisions"][0]["box_id"]
+    assert response.status_code in {201, 422}
+    if response.status_code == 201:
+        frame_id = response.json()["frame"]["id"]
+        box = response.json()["decisions"][0]["box_id"]
         frame, box = f"frames/{frame_id}", f"boxes/{box}"
         for drawing in (f"{frame}/thumbnail", f"{frame}/overlay", f"{box}/crop"):
             assert admin.get(f"/api/v1/{drawing}").status_code in {200, 404, 422}

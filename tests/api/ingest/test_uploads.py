@@ -19,9 +19,9 @@ def test_unknown_repeated_or_missing_part_of_a_frame_is_refused(api, parts, code
     files = [(name, (name, content)) for name, content in parts]
     path = f"/api/v1/datasets/{api.dataset()}/frames/a"
 
-    answer = api.http.put(path, files=files)
+    response = api.http.put(path, files=files)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, code)
+    assert (response.status_code, response.json()["code"]) == (422, code)
 
 
 @pytest.mark.parametrize(
@@ -41,9 +41,9 @@ def test_frame_body_that_is_not_a_multipart_form_is_refused(
 ):
     path = f"/api/v1/datasets/{api.dataset()}/frames/a"
 
-    answer = api.http.put(path, headers=headers, content=content)
+    response = api.http.put(path, headers=headers, content=content)
 
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert (response.status_code, response.json()["code"]) == (status, code)
 
 
 @pytest.mark.parametrize(
@@ -68,9 +68,9 @@ def test_frame_body_that_is_not_a_multipart_form_is_refused(
 def test_invalid_frame_key_is_refused(api, key):
     dataset = api.dataset()
 
-    answer = api.put(dataset, key)
+    response = api.put(dataset, key)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "bad_key")
+    assert (response.status_code, response.json()["code"]) == (422, "bad_key")
     assert api.json(f"/datasets/{dataset}/frames")["items"] == []
 
 

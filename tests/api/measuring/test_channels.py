@@ -58,7 +58,7 @@ def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):
         api.run(dataset, {"evidence": evidence})
 
     path = f"/boxes/{far_box(api, dataset)['box_id']}/history"
-    said = [(one["verdict"], one["reason"]) for one in api.json(path)["items"]]
+    said = [(box["verdict"], box["reason"]) for box in api.json(path)["items"]]
 
     assert said == [
         ("rejected", "hidden_by_depth"),
@@ -71,10 +71,10 @@ def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):
 def test_frames_stored_later_are_measured_with_the_active_channel(api, dataset):
     api.run(dataset, {"evidence": "depth"})
 
-    answer = api.upload_frame(dataset, "b", ANNOTATION, **sensors())
+    response = api.upload_frame(dataset, "b", ANNOTATION, **sensors())
 
-    assert [box["evidence"] for box in answer["decisions"]] == ["depth", "depth"]
-    assert [box["verdict"] for box in answer["decisions"]] == ["kept", "rejected"]
+    assert [box["evidence"] for box in response["decisions"]] == ["depth", "depth"]
+    assert [box["verdict"] for box in response["decisions"]] == ["kept", "rejected"]
     assert api.boxes(dataset, reason="hidden_by_depth", limit=5)[1]["frame"] == "b"
 
 
@@ -88,9 +88,9 @@ def test_too_coarse_depth_is_stored_but_refused_once_depth_is_used(api):
     assert run["state"] == "failed"
     assert "3.9 m" in run["error"]["detail"]
     refused = api.dataset(config={"evidence": "depth"})
-    answer = api.put(refused, "a", ANNOTATION, **files(depth=grey))
-    assert (answer.status_code, answer.json()["code"]) == (422, "depth_too_coarse")
-    assert answer.json()["errors"][0]["pointer"] == "/depth"
+    response = api.put(refused, "a", ANNOTATION, **files(depth=grey))
+    assert (response.status_code, response.json()["code"]) == (422, "depth_too_coarse")
+    assert response.json()["errors"][0]["pointer"] == "/depth"
 
 
 def test_notes_on_depth_and_instances_are_in_the_report_of_an_upload(api):
@@ -152,9 +152,9 @@ def cloud(count=3):
 def test_incomplete_point_cloud_is_refused(api, kind, content):
     name = api.dataset()
 
-    answer = api.put(name, "a", ANNOTATION, **files(**{kind: content}))
+    response = api.put(name, "a", ANNOTATION, **files(**{kind: content}))
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "bad_lidar")
-    assert answer.json()["errors"][0]["pointer"] == f"/{kind}"
-    assert f"the {kind} file" in answer.json()["detail"]
+    assert (response.status_code, response.json()["code"]) == (422, "bad_lidar")
+    assert response.json()["errors"][0]["pointer"] == f"/{kind}"
+    assert f"the {kind} file" in response.json()["detail"]
     assert api.json(f"/datasets/{name}/frames")["items"] == []

@@ -5,9 +5,9 @@ from importlib.metadata import version
 from tests.support.waiting import until
 
 
-def is_ready(answer):
+def is_ready(response):
     """What the service says of itself, if it is ready."""
-    return answer.json() if answer.status_code == 200 else None
+    return response.json() if response.status_code == 200 else None
 
 
 def test_healthz_and_readyz_of_a_running_service_are_ok(anonymous):
@@ -23,6 +23,6 @@ def test_healthz_and_readyz_of_a_running_service_are_ok(anonymous):
 
 
 def test_version_route_returns_the_installed_version(admin):
-    answer = admin.get("/version").json()
+    body = admin.get("/version").json()
 
-    assert (answer["version"], answer["api"]) == (version("unghost"), "v1")
+    assert (body["version"], body["api"]) == (version("unghost"), "v1")

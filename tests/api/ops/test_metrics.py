@@ -41,40 +41,44 @@ def test_requests_are_counted_by_route_and_status(serve):
         for number in (1, 2, 3):
             client.get(f"/probe/items/{number}")
         client.get("/probe/items/none")
-        found = scrape_metrics(client)
+        metrics = scrape_metrics(client)
 
     route = ("GET", "/probe/items/{item_id}")
-    assert found[key("unghost_requests_total", *route, "200")] == 3
-    assert found[key("unghost_requests_total", *route, "422")] == 1
-    assert found[key("unghost_request_seconds_bucket", "+Inf", *route, "200")] == 3
-    assert found[key("unghost_request_seconds_count", *route, "422")] == 1
+    assert metrics[key("unghost_requests_total", *route, "200")] == 3
+    assert metrics[key("unghost_requests_total", *route, "422")] == 1
+    assert metrics[key("unghost_request_seconds_bucket", "+Inf", *route, "200")] == 3
+    assert metrics[key("unghost_request_seconds_count", *route, "422")] == 1
 
 
 def test_requests_without_a_route_are_counted_together(serve):
     with serve().admin() as client:
         client.get('/nowhere"}')
         client.request("PROPFIND", "/nowhere")
-        text, found = client.get("/metrics").text, scrape_metrics(client)
+        text, metrics = client.get("/metrics").text, scrape_metrics(client)
 
-    assert found["unghost_requests_total", "GET", "other", "404"] == 1
-    assert found["unghost_requests_total", "other", "other", "404"] == 1
+    assert metrics["unghost_requests_total", "GET", "other", "404"] == 1
+    assert metrics["unghost_requests_total", "other", "other", "404"] == 1
     assert "nowhere" not in text
 
 
 def test_metrics_follow_the_naming_and_types_of_prometheus(admin):
     admin.get("/healthz")
 
-    answer, found = admin.get("/metrics"), families(admin)
+    response, metrics = admin.get("/metrics"), families(admin)
 
-    assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
-    assert all(name.startswith(("unghost_", "process_")) for name in found)
-    assert [name for name, one in found.items() if not one.documentation] == []
-    assert {one.type for one in found.values()} == {"gauge", "counter", "histogram"}
+    assert response.headers["content-type"].startswith("text/plain; version=0.0.4")
+    assert all(name.startswith(("unghost_", "process_")) for name in metrics)
+    assert [name for name, metric in metrics.items() if not metric.documentation] == []
+    assert {metric.type for metric in metrics.values()} == {
+        "gauge",
+        "counter",
+        "histogram",
+    }
     assert all(
         sample.name.endswith("_total")
-        for one in found.values()
-        if one.type == "counter"
-        for sample in one.samples
+        for metric in metrics.values()
+        if metric.type == "counter"
+        for sample in metric.samples
     )
 
 
@@ -110,56 +114,56 @@ def work(api):
 
 
 def test_counters_count_frames_boxes_and_reviews(worked):
-    found = scrape_metrics(worked[1].http)
+    metrics = scrape_metrics(worked[1].http)
 
-    assert found["unghost_frames_stored_total",] == 2
-    assert found["unghost_boxes_stored_total",] == 4
-    assert found["unghost_frames_refused_total",] == 1
-    assert found["unghost_batch_frames_total", "201"] == 1
-    assert found["unghost_frame_bytes_stored_total", "segmentation"] == 2 * len(
+    assert metrics["unghost_frames_stored_total",] == 2
+    assert metrics["unghost_boxes_stored_total",] == 4
+    assert metrics["unghost_frames_refused_total",] == 1
+    assert metrics["unghost_batch_frames_total", "201"] == 1
+    assert metrics["unghost_frame_bytes_stored_total", "segmentation"] == 2 * len(
         scene.segmentation()
     )
-    assert found["unghost_decode_seconds_count",] == 2
-    assert found["unghost_measure_seconds_count",] == 2
-    assert found["unghost_decisions_total", "visible", "kept"] == 2
-    assert found["unghost_decisions_total", "no_visible_pixels", "rejected"] == 2
-    assert found["unghost_reviews_total", "keep"] == 1
-    assert found["unghost_reviews_total", "unsure"] == 2
-    assert found["unghost_reviews_total", "undo"] == 2
-    assert ("unghost_reviews_total", "reject") not in found
+    assert metrics["unghost_decode_seconds_count",] == 2
+    assert metrics["unghost_measure_seconds_count",] == 2
+    assert metrics["unghost_decisions_total", "visible", "kept"] == 2
+    assert metrics["unghost_decisions_total", "no_visible_pixels", "rejected"] == 2
+    assert metrics["unghost_reviews_total", "keep"] == 1
+    assert metrics["unghost_reviews_total", "unsure"] == 2
+    assert metrics["unghost_reviews_total", "undo"] == 2
+    assert ("unghost_reviews_total", "reject") not in metrics
 
 
 def test_gauges_show_stored_data_and_jobs(worked):
     server, api = worked
-    found = scrape_metrics(api.http)
+    metrics = scrape_metrics(api.http)
 
-    assert found["unghost_boxes", "visible", "kept"] == 2
-    assert found["unghost_boxes_reviewed", "keep"] == 1
-    assert found["unghost_jobs", "run", "done"] == 2
-    assert found["unghost_jobs", "export", "queued"] == 0
-    assert found["unghost_database_up",] == found["unghost_datasets",] == 1
-    assert found["unghost_workers",] >= 1
+    assert metrics["unghost_boxes", "visible", "kept"] == 2
+    assert metrics["unghost_boxes_reviewed", "keep"] == 1
+    assert metrics["unghost_jobs", "run", "done"] == 2
+    assert metrics["unghost_jobs", "export", "queued"] == 0
+    assert metrics["unghost_database_up",] == metrics["unghost_datasets",] == 1
+    assert metrics["unghost_workers",] >= 1
     nothing = ("batches_open", "event_streams_open", "stopping")
-    assert [found[f"unghost_{name}",] for name in nothing] == [0, 0, 0]
+    assert [metrics[f"unghost_{name}",] for name in nothing] == [0, 0, 0]
     if not CHOSEN:
         size = (server.data / "unghost.db").stat().st_size
-        assert found["unghost_database_bytes",] == size
-        assert found["unghost_wal_bytes",] > 0
-    assert found["unghost_database_bytes",] > 0
-    assert found["unghost_disk_bytes",] > found["unghost_disk_free_bytes",] > 0
-    assert found["process_cpu_seconds_total",] > 0
-    assert found["process_resident_memory_bytes",] > 10**7
-    assert found["process_start_time_seconds",] < time.time()
+        assert metrics["unghost_database_bytes",] == size
+        assert metrics["unghost_wal_bytes",] > 0
+    assert metrics["unghost_database_bytes",] > 0
+    assert metrics["unghost_disk_bytes",] > metrics["unghost_disk_free_bytes",] > 0
+    assert metrics["process_cpu_seconds_total",] > 0
+    assert metrics["process_resident_memory_bytes",] > 10**7
+    assert metrics["process_start_time_seconds",] < time.time()
 
 
 def test_stored_files_are_counted_in_the_background(worked):
     _, api = worked
     until(lambda: ("unghost_blobs",) in scrape_metrics(api.http))
-    found = scrape_metrics(api.http)
+    metrics = scrape_metrics(api.http)
 
     sizes = [len(scene.image(number)) for number in (0, 1)]
-    assert found["unghost_blobs",] == 3
-    assert found["unghost_blob_bytes",] == sum(sizes) + len(scene.segmentation())
+    assert metrics["unghost_blobs",] == 3
+    assert metrics["unghost_blob_bytes",] == sum(sizes) + len(scene.segmentation())
 
 
 def test_metrics_read_no_table_that_grows_with_the_boxes(serve):
@@ -170,10 +174,10 @@ def test_metrics_read_no_table_that_grows_with_the_boxes(serve):
         context = service.app.state.services
         context.engine.start(str, None).result()
         with statements_of(service.app.state.database.engine) as said:
-            found = scrape_metrics(client)
+            metrics = scrape_metrics(client)
 
     read = {table for statement, _ in said for table in TABLE_READ.findall(statement)}
-    assert found["unghost_database_up",] == 1
+    assert metrics["unghost_database_up",] == 1
     assert read <= SMALL_TABLES, said
     assert "tallies" in read
 
@@ -183,8 +187,8 @@ def test_metrics_are_served_when_the_database_fails(serve):
     change(service.settings.data, "DROP TABLE tallies")
 
     with service.admin() as client:
-        found = scrape_metrics(client)
+        metrics = scrape_metrics(client)
 
-    assert found["unghost_database_up",] == 0
-    assert ("unghost_datasets",) not in found
-    assert found["unghost_disk_free_bytes",] > 0
+    assert metrics["unghost_database_up",] == 0
+    assert ("unghost_datasets",) not in metrics
+    assert metrics["unghost_disk_free_bytes",] > 0

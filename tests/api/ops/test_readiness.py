@@ -31,25 +31,25 @@ def until_not_ready(url):
     """Wait until the server is not ready; return the faults by check."""
 
     def refusal():
-        answer = ask_readyz(url)
-        return answer if answer.status_code == 503 else None
+        response = ask_readyz(url)
+        return response if response.status_code == 503 else None
 
-    answer = until(refusal, "it stays ready")
-    assert answer.json()["code"] == "not_ready"
-    assert int(answer.headers["retry-after"]) > 0
-    return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
+    response = until(refusal, "it stays ready")
+    assert response.json()["code"] == "not_ready"
+    assert int(response.headers["retry-after"]) > 0
+    return {fault["code"]: fault["detail"] for fault in response.json()["errors"]}
 
 
 def until_ready(url):
     """Wait until the server is ready; return what each check found."""
 
     def consent():
-        answer = ask_readyz(url)
-        return answer.json() if answer.status_code == 200 else None
+        response = ask_readyz(url)
+        return response.json() if response.status_code == 200 else None
 
-    found = until(consent, lambda: ask_readyz(url).text)
-    assert found["ready"] is True
-    return found["checks"]
+    readiness = until(consent, lambda: ask_readyz(url).text)
+    assert readiness["ready"] is True
+    return readiness["checks"]
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +78,12 @@ def filled_disk(folder, leaving_mib):
 
 
 def test_readyz_of_a_healthy_server_lists_every_check(server):
-    found = until_ready(server.url)
+    checks = until_ready(server.url)
 
-    assert found.pop("disk").endswith(" bytes free")
-    assert found.pop("migrations").startswith("at 0")
-    assert found.pop("pages") in ("intact", "not checked yet", "checked by PostgreSQL")
-    assert found == {
+    assert checks.pop("disk").endswith(" bytes free")
+    assert checks.pop("migrations").startswith("at 0")
+    assert checks.pop("pages") in ("intact", "not checked yet", "checked by PostgreSQL")
+    assert checks == {
         "database": "writable",
         "blobs": "writable",
         "background": "working",
@@ -95,10 +95,10 @@ def test_too_little_free_disk_space_is_not_ready(server):
     until_ready(server.url)
 
     with filled_disk(server.data, leaving_mib=MIN_FREE_MIB // 2):
-        found = until_not_ready(server.url)
+        faults = until_not_ready(server.url)
 
-    assert list(found) == ["disk"]
-    assert f"{MIN_FREE_MIB * MIB} are needed" in found["disk"]
+    assert list(faults) == ["disk"]
+    assert f"{MIN_FREE_MIB * MIB} are needed" in faults["disk"]
     until_ready(server.url)
 
 
@@ -111,14 +111,14 @@ def test_full_disk_fails_the_database_disk_and_blobs_checks(server):
     with filled_disk(server.data, leaving_mib=0):
 
         def three_faults():
-            found = until_not_ready(server.url)
-            return found if len(found) == 3 else None
+            faults = until_not_ready(server.url)
+            return faults if len(faults) == 3 else None
 
-        found = until(three_faults, lambda: until_not_ready(server.url))
+        faults = until(three_faults, lambda: until_not_ready(server.url))
 
-    assert set(found) == {"database", "disk", "blobs"}
-    assert "full" in found["database"]
-    assert found["blobs"] == "No space left on device"
+    assert set(faults) == {"database", "disk", "blobs"}
+    assert "full" in faults["database"]
+    assert faults["blobs"] == "No space left on device"
     until_ready(server.url)
 
 
@@ -126,9 +126,9 @@ def test_read_only_blobs_folder_is_not_ready(server):
     until_ready(server.url)
 
     with read_only(server.data / "blobs"):
-        found = until_not_ready(server.url)
+        faults = until_not_ready(server.url)
 
-    assert found == {"blobs": "Read-only file system"}
+    assert faults == {"blobs": "Read-only file system"}
     assert "not ready: blobs: Read-only file system" in server.log.read_text("utf-8")
     until_ready(server.url)
 
@@ -144,12 +144,12 @@ def test_a_schema_of_another_version_is_not_ready(server, revision, advice):
     ((head,),) = rows_of(server.data, "SELECT version_num FROM alembic_version")
 
     change(server.data, f"UPDATE alembic_version SET version_num = '{revision}'")
-    found = until_not_ready(server.url)
+    faults = until_not_ready(server.url)
     change(server.data, f"UPDATE alembic_version SET version_num = '{head}'")
 
-    assert list(found) == ["migrations"]
-    assert f"at {revision}, this version needs {head}" in found["migrations"]
-    assert advice in found["migrations"]
+    assert list(faults) == ["migrations"]
+    assert f"at {revision}, this version needs {head}" in faults["migrations"]
+    assert advice in faults["migrations"]
     until_ready(server.url)
 
 
@@ -175,12 +175,12 @@ def test_frequent_readyz_requests_do_not_write_each_time(server):
     begun = time.monotonic()
 
     with plain_http.Client(base_url=server.url) as client:
-        answers = [client.get("/readyz").status_code for _ in range(50)]
+        statuses = [client.get("/readyz").status_code for _ in range(50)]
 
     wal = server.data / "unghost.db-wal"
     # The server writes once a second, one page each time.
     assert wal.stat().st_size // 4096 <= time.monotonic() - begun + 2
-    assert set(answers) == {200}
+    assert set(statuses) == {200}
     assert emptied[0] == 0
 
     def is_written():

@@ -69,7 +69,7 @@ def put(client, key):
 
 def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path):
     raise_descriptor_limit()
-    answers: list[int] = []
+    statuses: list[int] = []
     data = tmp_path / "data"
     with ExitStack() as held, limited_server(data, soft=1024, hard=1024) as (admin, _):
         admin.post("/api/v1/datasets", json={"name": "street"})
@@ -81,12 +81,12 @@ def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path
         opening = threading.Thread(target=open_idle_connections)
         opening.start()
         while opening.is_alive():
-            answers.append(put(admin, f"a{len(answers)}"))
-        answers += [put(admin, f"b{number}") for number in range(5)]
+            statuses.append(put(admin, f"a{len(statuses)}"))
+        statuses += [put(admin, f"b{number}") for number in range(5)]
         seen = admin.get("/metrics").text
 
-    assert len(answers) > 5
-    assert set(answers) == {201}
+    assert len(statuses) > 5
+    assert set(statuses) == {201}
     assert "unghost_connections_max 352" in seen
     assert "unghost_connections_refused_total 0" in seen
 
@@ -124,10 +124,10 @@ def test_unauthenticated_connections_are_closed_for_new_ones(tmp_path, begun):
             connection = held.enter_context(open_connection(service.url))
             connection.sendall(begun)
         with service.admin() as admin:
-            answer = admin.post("/api/v1/datasets", json={"name": "street"})
+            response = admin.post("/api/v1/datasets", json={"name": "street"})
             seen = admin.get("/metrics").text
 
-    assert answer.status_code == 201
+    assert response.status_code == 201
     assert "unghost_connections_refused_total 0" in seen
 
 

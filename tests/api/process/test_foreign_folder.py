@@ -29,8 +29,8 @@ def test_filter_runs_no_python_file_of_the_folder_that_it_is_started_in(
     """Nor do its worker processes; their lines are written in the order of frames."""
     write_manifest(foreign.path, 1)
     manifest = foreign.path / "manifest.jsonl"
-    one, keys = manifest.read_text(), [f"run/{n:06}" for n in range(FEWEST_FRAMES)]
-    manifest.write_text("".join(one.replace("run/000000", key) for key in keys))
+    line, keys = manifest.read_text(), [f"run/{n:06}" for n in range(FEWEST_FRAMES)]
+    manifest.write_text("".join(line.replace("run/000000", key) for key in keys))
 
     ended = subprocess.run(
         foreign.command("filter", ".", "-o", "-", "--workers", FEWEST_PROCESSES),

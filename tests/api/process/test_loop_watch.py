@@ -45,7 +45,7 @@ def counted(client):
 def calls_in(log):
     """All calls in the stacks that were logged."""
     facts = [getattr(record, "facts", {}) for record in log.records]
-    return [call for one in facts for call in one.get("stack", ())]
+    return [call for record in facts for call in record.get("stack", ())]
 
 
 def test_blocked_event_loop_is_logged_with_its_stack_and_not_ready(
@@ -60,13 +60,13 @@ def test_blocked_event_loop_is_logged_with_its_stack_and_not_ready(
         holding = threads.submit(client.get, "/probe/hold")
         assert probe_routes.is_held.wait(PATIENCE_S)
         until(lambda: any(call.endswith(" hold") for call in calls_in(caplog)))
-        asked = threads.submit(client.get, "/readyz")
+        request = threads.submit(client.get, "/readyz")
         probe_routes.unblock.set()
-        answer = asked.result(PATIENCE_S)
+        response = request.result(PATIENCE_S)
         assert holding.result(PATIENCE_S).status_code == 200
 
-        assert answer.status_code == 503
-        (fault,) = answer.json()["errors"]
+        assert response.status_code == 503
+        (fault,) = response.json()["errors"]
         assert fault["code"] == "event_loop"
         assert "for" in fault["detail"]
         assert client.get("/healthz").status_code == 200
@@ -75,8 +75,8 @@ def test_blocked_event_loop_is_logged_with_its_stack_and_not_ready(
         stalls = counted(client)["unghost_loop_stalls_total"]
 
         def readiness():
-            found = client.get("/readyz")
-            return found if found.status_code == 200 else None
+            response = client.get("/readyz")
+            return response if response.status_code == 200 else None
 
         ready = until(readiness)
 

@@ -51,7 +51,7 @@ def test_body_of_a_refused_request_is_not_read_endlessly(service):
     sent = 0
     with open_connection(service.url) as connection:
         connection.sendall(begin)
-        answer = connection.recv(65536)
+        response = connection.recv(65536)
         try:
             while sent < 1_000_000_000:
                 connection.sendall(b"x" * 1_000_000)
@@ -59,7 +59,7 @@ def test_body_of_a_refused_request_is_not_read_endlessly(service):
         except OSError:
             pass
 
-    assert answer.startswith(b"HTTP/1.1 401 ")
+    assert response.startswith(b"HTTP/1.1 401 ")
     assert sent < 200_000_000
 
 
@@ -67,10 +67,10 @@ def test_body_of_a_refused_request_is_not_read_endlessly(service):
 def test_incomplete_request_head_times_out_with_408(service, begun):
     with open_connection(service.url) as connection:
         connection.sendall(begun)
-        answer = read_until_closed(connection)
+        response = read_until_closed(connection)
 
-    assert answer.startswith(b"HTTP/1.1 408 Request Timeout\r\n")
-    assert b'"code":"request_timeout"' in answer
+    assert response.startswith(b"HTTP/1.1 408 Request Timeout\r\n")
+    assert b'"code":"request_timeout"' in response
 
 
 def test_a_silent_connection_is_closed(service):
@@ -82,21 +82,21 @@ def test_incomplete_second_request_times_out_with_408(service):
     first = head(service, "GET", "/healthz")
     with open_connection(service.url) as connection:
         connection.sendall(first + b"GET /heal")
-        answer = read_until_closed(connection)
+        response = read_until_closed(connection)
 
-    assert answer.startswith(b"HTTP/1.1 200 ")
-    assert b"HTTP/1.1 408 " in answer
+    assert response.startswith(b"HTTP/1.1 200 ")
+    assert b"HTTP/1.1 408 " in response
 
 
 def test_pipelined_requests_are_not_mistaken_for_a_long_head(service):
-    asked = head(service, "GET", "/healthz", {"X-Long": "x" * 2_500})
+    pipelined = head(service, "GET", "/healthz", {"X-Long": "x" * 2_500})
     last = head(service, "GET", "/healthz", {"Connection": "close"})
     with open_connection(service.url) as connection:
-        connection.sendall(asked * MOST_PIPELINED + last)
-        answer = read_until_closed(connection)
+        connection.sendall(pipelined * MOST_PIPELINED + last)
+        response = read_until_closed(connection)
 
-    assert len(asked) * MOST_PIPELINED > 70_000
-    assert answer.count(b"HTTP/1.1 200 ") == MOST_PIPELINED + 1
+    assert len(pipelined) * MOST_PIPELINED > 70_000
+    assert response.count(b"HTTP/1.1 200 ") == MOST_PIPELINED + 1
 
 
 @pytest.mark.parametrize(
@@ -112,11 +112,11 @@ def test_incomplete_body_times_out_with_408(service, method, path, media_type, b
     framing = {"Content-Type": media_type, "Content-Length": "100"}
     with open_connection(service.url) as connection:
         connection.sendall(head(service, method, path, framing) + begun)
-        answer = read_until_closed(connection)
+        response = read_until_closed(connection)
 
-    assert answer.startswith(b"HTTP/1.1 408 ")
-    assert b'"code":"request_timeout"' in answer
-    assert b"connection: close" in answer.lower()
+    assert response.startswith(b"HTTP/1.1 408 ")
+    assert b'"code":"request_timeout"' in response
+    assert b"connection: close" in response.lower()
 
 
 def test_json_body_that_arrives_byte_by_byte_times_out_with_408(service):
@@ -129,10 +129,10 @@ def test_json_body_that_arrives_byte_by_byte_times_out_with_408(service):
             connection.sendall(b" ")
             sent += 1
             is_answered = bool(select.select([connection], [], [], SOON_S / 5)[0])
-        answer = connection.recv(65536)
+        response = connection.recv(65536)
 
     assert is_answered
-    assert answer.startswith(b"HTTP/1.1 408 ")
+    assert response.startswith(b"HTTP/1.1 408 ")
 
 
 def test_batch_that_times_out_keeps_its_stored_frames_and_is_closed(service, admin):
@@ -156,8 +156,8 @@ def test_slow_sender_does_not_time_out(service):
     framing = {"Content-Type": "application/json", "Content-Length": str(len(body))}
     with open_connection(service.url) as connection:
         connection.sendall(head(service, "POST", "/api/v1/datasets", framing))
-        for one in body:
-            connection.sendall(bytes([one]))
-        answer = connection.recv(65536)
+        for byte in body:
+            connection.sendall(bytes([byte]))
+        response = connection.recv(65536)
 
-    assert answer.startswith(b"HTTP/1.1 201 ")
+    assert response.startswith(b"HTTP/1.1 201 ")

@@ -99,9 +99,9 @@ def test_find_server_finds_the_note_by_another_form_of_the_address(
     state = server.data.with_name(f"{server.data.name}-state")
     environ = {"HOME": str(tmp_path / "nobody"), "XDG_STATE_HOME": str(state)}
 
-    found = find_server(f"http://[::1]:{port}", environ=environ)
+    server_note = find_server(f"http://[::1]:{port}", environ=environ)
 
-    assert found.token == server.token
+    assert server_note.token == server.token
 
 
 def test_server_note_is_deleted_at_shutdown(data_dir):
@@ -193,10 +193,10 @@ def test_data_folder_without_locks_is_served_after_a_warning(data_dir, tmp_path)
 def test_demo_is_not_rendered_into_a_data_folder_in_use(running, tmp_path):
     unghost = CommandLine(tmp_path, {})
 
-    answer = unghost("demo", "--data", running.data, "--port", "0")
+    result = unghost("demo", "--data", running.data, "--port", "0")
 
-    assert answer.code == 1
-    assert f"is in use by the server at {running.url}" in answer.err
+    assert result.code == 1
+    assert f"is in use by the server at {running.url}" in result.err
     assert not (running.data / "demo").exists()
 
 

@@ -27,10 +27,10 @@ def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
 
     assert (run["kind"], run["state"], run["changed"]) == ("measure", "done", 0)
     assert api.verdicts(dataset) == before
-    found = api.json(f"/datasets/{dataset}/evaluations")
-    assert (found["truth"], found["frames"], found["boxes"]) == ("instances", 1, 2)
-    assert found["not_measured"] == []
-    kept = {name: one["kept_hidden"] for name, one in found["channels"].items()}
+    report = api.json(f"/datasets/{dataset}/evaluations")
+    assert (report["truth"], report["frames"], report["boxes"]) == ("instances", 1, 2)
+    assert report["not_measured"] == []
+    kept = {name: scores["kept_hidden"] for name, scores in report["channels"].items()}
     assert kept == {
         "semantic": 1,
         "ordered": 0,
@@ -40,16 +40,16 @@ def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
         "lidar": 1,
     }
     assert (
-        found["unfiltered"]["kept_visible"],
-        found["unfiltered"]["kept_hidden"],
+        report["unfiltered"]["kept_visible"],
+        report["unfiltered"]["kept_hidden"],
     ) == (1, 1)
-    assert found["channels"]["lidar"]["judged"] == 0
-    (worst,) = found["channels"]["semantic"]["worst"]
+    assert report["channels"]["lidar"]["judged"] == 0
+    (worst,) = report["channels"]["semantic"]["worst"]
     ghost = next(box for box in api.boxes(dataset) if box["id"] == "218")
     assert (worst["box_id"], worst["error"]) == (ghost["box_id"], "kept_hidden")
     assert worst["frame_id"] == ghost["frame_id"]
-    assert found["channels"]["depth"]["worst"] == []
-    assert found["channels"]["depth"]["by_class"]["car"]["f1"]["value"] == 1
+    assert report["channels"]["depth"]["worst"] == []
+    assert report["channels"]["depth"]["by_class"]["car"]["f1"]["value"] == 1
 
 
 def test_second_evaluation_measures_nothing_and_runs_need_no_pixels(api, dataset):
@@ -64,14 +64,14 @@ def test_preview_of_measured_channels_needs_no_pixels(api, dataset):
     run_evaluation(api, dataset)
     path = f"/datasets/{dataset}/preview"
 
-    found = {
+    previews = {
         evidence: api.post(path, {"config": {"evidence": evidence}}).json()
         for evidence in ("semantic", "depth", "auto")
     }
 
-    assert [one["needs_pixels"] for one in found.values()] == [False] * 3
-    assert found["semantic"]["counts"]["kept"] == 2
-    assert found["depth"]["flips"]["kept_to_rejected"] == 1
+    assert [preview["needs_pixels"] for preview in previews.values()] == [False] * 3
+    assert previews["semantic"]["counts"]["kept"] == 2
+    assert previews["depth"]["flips"]["kept_to_rejected"] == 1
 
 
 def test_preview_is_compared_with_instances_or_with_answers(api, dataset):
@@ -104,28 +104,28 @@ def test_evaluation_with_answers_of_people_as_truth(api, dataset):
         answer = "keep" if box["id"] == "217" else "reject"
         assert api.review(box["box_id"], answer).status_code == 201
 
-    found = api.json(f"/datasets/{dataset}/evaluations", truth="people")
+    report = api.json(f"/datasets/{dataset}/evaluations", truth="people")
 
-    assert found["boxes"] == 2
-    assert found["channels"]["semantic"]["kept_hidden"] == 1
-    assert found["channels"]["ordered"]["f1"]["value"] == 1
+    assert report["boxes"] == 2
+    assert report["channels"]["semantic"]["kept_hidden"] == 1
+    assert report["channels"]["ordered"]["f1"]["value"] == 1
 
 
 def test_evaluation_lists_channels_that_are_not_measured(api, dataset):
-    found = api.json(f"/datasets/{dataset}/evaluations")
+    report = api.json(f"/datasets/{dataset}/evaluations")
 
-    assert found["not_measured"] == CHANNELS
-    assert list(found["channels"]) == ["semantic"]
-    assert found["boxes"] == 0
+    assert report["not_measured"] == CHANNELS
+    assert list(report["channels"]) == ["semantic"]
+    assert report["boxes"] == 0
 
 
 def test_frames_stored_after_an_evaluation_are_counted(api, dataset):
     run_evaluation(api, dataset)
     api.upload_frame(dataset, "b", ANNOTATION, **sensors())
 
-    found = api.json(f"/datasets/{dataset}/evaluations")
+    report = api.json(f"/datasets/{dataset}/evaluations")
 
-    assert (found["frames"], found["boxes"]) == (2, 4)
+    assert (report["frames"], report["boxes"]) == (2, 4)
 
 
 def test_too_coarse_depth_does_not_fail_an_evaluation(api, dataset):
@@ -181,9 +181,9 @@ def test_invalid_sensor_file_is_a_problem_and_does_not_fail_the_run(
 
 
 def test_an_unknown_truth_is_refused(api, dataset):
-    answer = api.get(f"/datasets/{dataset}/evaluations", truth="guess")
+    response = api.get(f"/datasets/{dataset}/evaluations", truth="guess")
 
-    assert answer.status_code == 422
+    assert response.status_code == 422
 
 
 def test_thresholds_are_suggested_from_instances_without_answers(api):
@@ -193,14 +193,14 @@ def test_thresholds_are_suggested_from_instances_without_answers(api):
     api.upload_frame(name, "a", {**ANNOTATION, "boxes": boxes}, **sensors())
     run_evaluation(api, name)
 
-    found = api.json(f"/datasets/{name}/quality", truth="instances")
+    quality = api.json(f"/datasets/{name}/quality", truth="instances")
 
     said = ("instances", 0, 0)
-    assert (found["truth"], found["reviewed"], found["unmeasured"]) == said
-    scores = found["confusion"]
-    assert found["by_class"] == {"car": scores}
+    assert (quality["truth"], quality["reviewed"], quality["unmeasured"]) == said
+    scores = quality["confusion"]
+    assert quality["by_class"] == {"car": scores}
     assert (scores["kept_keep"], scores["kept_reject"]) == (1, 1)
-    (car,) = found["suggested"]
+    (car,) = quality["suggested"]
     # A sixth of the ghost's box is the car that stands beside it.
     assert (car["class"], car["current"], car["answers"]) == ("car", 10, 2)
     assert 722 / 4200 < car["suggested"] / 100 < 0.9
@@ -209,6 +209,6 @@ def test_thresholds_are_suggested_from_instances_without_answers(api):
 
 
 def test_quality_from_unmeasured_instances_is_empty(api, dataset):
-    found = api.json(f"/datasets/{dataset}/quality", truth="instances")
+    quality = api.json(f"/datasets/{dataset}/quality", truth="instances")
 
-    assert (found["confusion"]["f1"], found["suggested"]) == (None, [])
+    assert (quality["confusion"]["f1"], quality["suggested"]) == (None, [])

@@ -38,15 +38,15 @@ def test_bulk_answer_is_undone_completely_and_only_once(api, dataset, ghosts):
     ids = [*ghosts, elsewhere, ghosts[0], 2**62]
 
     seen = [1, 0, 0, 0, 1, 0]
-    answer = bulk(
+    response = bulk(
         api, dataset, "keep", box_ids=ids, seen_revisions=seen, comment="all of them"
     )
-    batch = answer.json()
+    batch = response.json()
     kept = effective(api, dataset)
     undone = undo(api, batch["id"]).json()
 
-    assert answer.status_code == 201
-    assert answer.headers["location"] == f"{BASE}/review-batches/{batch['id']}"
+    assert response.status_code == 201
+    assert response.headers["location"] == f"{BASE}/review-batches/{batch['id']}"
     assert batch == {
         "id": batch["id"],
         "dataset": dataset,
@@ -161,9 +161,9 @@ def test_bulk_answer_on_a_filter_needs_its_snapshot_and_count(api, dataset):
     ],
 )
 def test_invalid_bulk_answer_is_refused(api, dataset, which, status):
-    answer = bulk(api, dataset, "keep", **which)
+    response = bulk(api, dataset, "keep", **which)
 
-    assert answer.status_code == status
+    assert response.status_code == status
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 0
 
 
@@ -174,10 +174,10 @@ def test_snapshot_with_invalid_numbers_is_refused(api, dataset, place, number):
     values[place] = number
     forged = base64.urlsafe_b64encode(json.dumps(values).encode()).decode()
 
-    answer = bulk(api, dataset, "keep", filter={}, snapshot=forged)
+    response = bulk(api, dataset, "keep", filter={}, snapshot=forged)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "bad_snapshot")
-    assert "one from the response of a list of boxes" in answer.json()["detail"]
+    assert (response.status_code, response.json()["code"]) == (422, "bad_snapshot")
+    assert "one from the response of a list of boxes" in response.json()["detail"]
 
 
 def test_bulk_answer_with_a_too_long_dataset_name_is_refused(api):
@@ -190,10 +190,10 @@ def test_bulk_answer_with_a_too_long_dataset_name_is_refused(api):
 
 
 def test_a_bulk_answer_without_boxes_changes_nothing(api, dataset):
-    answer = bulk(api, dataset, "keep", box_ids=[])
+    response = bulk(api, dataset, "keep", box_ids=[])
 
-    assert (answer.status_code, answer.json()["count"]) == (201, 0)
-    assert undo(api, answer.json()["id"]).json()["undone"] == 0
+    assert (response.status_code, response.json()["count"]) == (201, 0)
+    assert undo(api, response.json()["id"]).json()["undone"] == 0
     assert undo(api, 2**40).status_code == 404
 
 
@@ -236,7 +236,7 @@ def test_bulk_answer_skips_boxes_answered_since_as_stale(api, dataset, ghosts):
     undone = undo(api, batch["id"]).json()
     assert (undone["undone"], undone["skipped"]) == (2, [])
     said = [api.json(f"/boxes/{box}")["review"] for box in ghosts]
-    assert [one and one["verdict"] for one in said] == ["unsure", "keep", None]
+    assert [review and review["verdict"] for review in said] == ["unsure", "keep", None]
 
 
 def add_frame(api, dataset, boxes):
@@ -270,7 +270,7 @@ def run_other_threshold(api, dataset, boxes):
 
 
 @pytest.mark.parametrize(
-    ("meanwhile", "found", "changed"),
+    ("meanwhile", "total", "changed"),
     [
         (add_frame, 4, 1),
         (delete_frame, 2, 0),
@@ -282,26 +282,26 @@ def run_other_threshold(api, dataset, boxes):
     ],
 )
 def test_bulk_answer_on_a_stale_filter_snapshot_returns_412(
-    api, dataset, ghosts, meanwhile, found, changed
+    api, dataset, ghosts, meanwhile, total, changed
 ):
-    wanted = {"filter": {"verdict": "rejected"}}
+    chosen = {"filter": {"verdict": "rejected"}}
     seen = snapshot(api, dataset, verdict="rejected")
     meanwhile(api, dataset, ghosts)
     reviewed = api.json(f"/datasets/{dataset}/stats")["reviewed"]
 
-    stale = bulk(api, dataset, "reject", **wanted, snapshot=seen, expected_count=3)
+    stale = bulk(api, dataset, "reject", **chosen, snapshot=seen, expected_count=3)
 
     problem = stale.json()
     assert (stale.status_code, problem["code"]) == (412, "stale_snapshot")
     now = snapshot(api, dataset, verdict="rejected")
-    assert problem["current"] == {"total": found, "snapshot": now}
+    assert problem["current"] == {"total": total, "snapshot": now}
     assert problem["detail"] == (
-        f"the filter selects {found} boxes now, 3 when they were listed; "
+        f"the filter selects {total} boxes now, 3 when they were listed; "
         f"added, decided again or answered since then: {changed}"
     )
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == reviewed
-    again = bulk(api, dataset, "reject", **wanted, snapshot=now)
-    assert (again.status_code, again.json()["count"]) == (201, found)
+    again = bulk(api, dataset, "reject", **chosen, snapshot=now)
+    assert (again.status_code, again.json()["count"]) == (201, total)
 
 
 def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
@@ -313,7 +313,7 @@ def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
     elsewhere = api.upload_frame(api.dataset(), "a")["decisions"][0]["box_id"]
     api.review(elsewhere, "keep")
 
-    answer = bulk(
+    response = bulk(
         api,
         dataset,
         "reject",
@@ -321,7 +321,7 @@ def test_answers_outside_the_filter_do_not_make_its_snapshot_stale(
         snapshot=seen,
     )
 
-    assert (answer.status_code, answer.json()["count"]) == (201, 3)
+    assert (response.status_code, response.json()["count"]) == (201, 3)
 
 
 def test_snapshot_of_another_filter_or_dataset_is_refused(api, dataset):
@@ -334,8 +334,8 @@ def test_snapshot_of_another_filter_or_dataset_is_refused(api, dataset):
         bulk(api, other, "keep", filter={"verdict": "rejected"}, snapshot=seen),
     ]
 
-    assert [one.status_code for one in wrong] == [422, 422]
-    assert {one.json()["code"] for one in wrong} == {"bad_snapshot"}
+    assert [response.status_code for response in wrong] == [422, 422]
+    assert {response.json()["code"] for response in wrong} == {"bad_snapshot"}
 
 
 @pytest.fixture

@@ -49,9 +49,9 @@ def answer_as_another_server(service, box_id: int, seen: int = 0) -> None:
         closing(Database(url_of(service.settings.data))) as other,
         other.write(person=True) as session,
     ):
-        given = ReviewIn(verdict="unsure", seen_revision=seen)
+        answer = ReviewIn(verdict="unsure", seen_revision=seen)
         ada = Principal(1, "ada", "reviewer")
-        review_box(AuditTrail(session, ada), box_id, given, ada, most=9)
+        review_box(AuditTrail(session, ada), box_id, answer, ada, most=9)
 
 
 def filter_with_snapshot(api, name):
@@ -92,17 +92,17 @@ def test_single_answers_are_written_before_operations_on_many_boxes(
 
     with (
         ThreadPoolExecutor(2) as pool,
-        statements_of(service.app.state.database.engine) as found,
+        statements_of(service.app.state.database.engine) as statements,
     ):
         with blocked_writers(service):
             many = pool.submit(acts[act])
             wait_for_writers(service, 1)
-            one = pool.submit(own_api.review, other, "keep")
+            answer = pool.submit(own_api.review, other, "keep")
             wait_for_writers(service, 2)
-        assert one.result().status_code == 201
+        assert answer.result().status_code == 201
         assert many.result().is_success
 
-    order = [statement for statement, _ in found]
+    order = [statement for statement, _ in statements]
     single = next(n for n, text in enumerate(order) if is_single_answer(text))
     long = next(n for n, text in enumerate(order) if text.startswith(writes))
     assert single < long
@@ -117,11 +117,11 @@ def test_bulk_answer_inserts_its_reviews_with_one_statement(service, own_api, st
     name, ids = street
     claimed = list(range(len(ids)))
 
-    with statements_of(service.app.state.database.engine) as found:
-        answer = bulk(own_api, name, box_ids=ids, seen_revisions=claimed)
+    with statements_of(service.app.state.database.engine) as statements:
+        response = bulk(own_api, name, box_ids=ids, seen_revisions=claimed)
 
-    assert (answer.json()["count"], len(answer.json()["stale"])) == (1, BOXES - 1)
-    wrote = [text for text, _ in found if text.startswith("INSERT INTO reviews")]
+    assert (response.json()["count"], len(response.json()["stale"])) == (1, BOXES - 1)
+    wrote = [text for text, _ in statements if text.startswith("INSERT INTO reviews")]
     assert len(wrote) == 1
 
 
@@ -129,10 +129,10 @@ def run_while_waiting(service, act, between):
     """The answer to `act`; `between` runs after `act` has read and before it writes."""
     with ThreadPoolExecutor(1) as pool:
         with blocked_writers(service):
-            asked = pool.submit(act)
+            request = pool.submit(act)
             wait_for_writers(service, 1)
             between()
-        return asked.result()
+        return request.result()
 
 
 def test_bulk_answer_on_a_filter_changed_while_waiting_returns_412(
@@ -142,14 +142,14 @@ def test_bulk_answer_on_a_filter_changed_while_waiting_returns_412(
     which = filter_with_snapshot(own_api, name)
 
     with record_access(service.app.state.database) as acts:
-        answer = run_while_waiting(
+        response = run_while_waiting(
             service,
             partial(bulk, own_api, name, **which),
             partial(answer_as_another_server, service, ids[7]),
         )
 
-    assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
-    assert answer.json()["current"] == {"total": BOXES, **snapshot_of(own_api, name)}
+    assert (response.status_code, response.json()["code"]) == (412, "stale_snapshot")
+    assert response.json()["current"] == {"total": BOXES, **snapshot_of(own_api, name)}
     assert acts.nested_transactions == set()
     reviewed = own_api.json(f"/datasets/{name}/stats")
     assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
@@ -160,13 +160,13 @@ def test_bulk_answer_skips_a_listed_box_answered_while_waiting(
 ):
     name, ids = street
 
-    answer = run_while_waiting(
+    response = run_while_waiting(
         service,
         partial(bulk, own_api, name, box_ids=ids),
         partial(answer_as_another_server, service, ids[7]),
     ).json()
 
-    assert (answer["count"], answer["stale"]) == (BOXES - 1, [ids[7]])
+    assert (response["count"], response["stale"]) == (BOXES - 1, [ids[7]])
     assert own_api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 
@@ -174,11 +174,11 @@ def test_undo_skips_a_box_answered_while_waiting(service, own_api, street):
     name, ids = street
     batch = bulk(own_api, name, box_ids=ids).json()["id"]
 
-    answer = run_while_waiting(
+    response = run_while_waiting(
         service,
         partial(own_api.post, f"/review-batches/{batch}/undo"),
         partial(answer_as_another_server, service, ids[7], 1),
     ).json()
 
-    assert (answer["undone"], answer["skipped"]) == (BOXES - 1, [ids[7]])
+    assert (response["undone"], response["skipped"]) == (BOXES - 1, [ids[7]])
     assert own_api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"

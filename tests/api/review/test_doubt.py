@@ -45,9 +45,9 @@ def numbers_to_review(api, dataset):
 
 def test_to_review_is_one_number_everywhere(api, dataset):
     counted = [numbers_to_review(api, dataset)]
-    asked = api.boxes(dataset, sort="doubt", bin="ask")
+    to_ask = api.boxes(dataset, sort="doubt", bin="ask")
 
-    for box, verdict in zip(asked, ("keep", "unsure", "reject"), strict=False):
+    for box, verdict in zip(to_ask, ("keep", "unsure", "reject"), strict=False):
         api.review(box["box_id"], verdict)
         counted.append(numbers_to_review(api, dataset))
 
@@ -75,16 +75,16 @@ def test_upload_says_the_same_of_its_boxes_as_a_list(api, dataset):
 
     listed = api.boxes(dataset)[-len(BOXES) :]
 
-    assert [(one["bin"], one["question"]) for one in stored["decisions"]] == [
-        (one["bin"], one["question"]) for one in listed
+    assert [(box["bin"], box["question"]) for box in stored["decisions"]] == [
+        (box["bin"], box["question"]) for box in listed
     ]
 
 
 @pytest.mark.parametrize("name", ["wall", "small", "sure"])
 def test_bin_is_answered_in_bulk_and_undone(api, dataset, name):
-    wanted = {"bin": name, "review": "undecided"}
-    seen = api.json("/boxes", dataset=dataset, limit=1, count="true", **wanted)
-    body = {"dataset": dataset, "verdict": "reject", "filter": wanted}
+    filters = {"bin": name, "review": "undecided"}
+    seen = api.json("/boxes", dataset=dataset, limit=1, count="true", **filters)
+    body = {"dataset": dataset, "verdict": "reject", "filter": filters}
 
     batch = api.post("/reviews/bulk", body | {"snapshot": seen["snapshot"]}).json()
     left = api.json(f"/datasets/{dataset}/stats")["bins"]

@@ -26,8 +26,8 @@ def person(server, client):
         return opened[-1], token.name, token.token
 
     yield make
-    for one in opened:
-        one.close()
+    for opened_client in opened:
+        opened_client.close()
 
 
 @pytest.fixture
@@ -93,8 +93,8 @@ def test_answers_of_a_file_come_back_with_reviewer_and_time(
     box = next(box for box in client.boxes(again) if box.review)
     entry, *_ = client.history(box.box_id)
     assert (entry.reviewer, entry.imported_by) == (box.review.reviewer, "admin")
-    noted = [one for one in client.audit() if one.action == "reviews.imported"]
-    (about,) = [one for one in noted if one.subject == again]
+    noted = [entry for entry in client.audit() if entry.action == "reviews.imported"]
+    (about,) = [entry for entry in noted if entry.subject == again]
     assert (about.actor, about.details["answers"]) == ("admin", 2)
 
 
@@ -156,12 +156,12 @@ def test_boxes_kept_and_deleted_in_another_program_are_answers(
         for _ in range(2)
     ]
 
-    given = marks(client, name)
-    assert {one: mark[0] for one, mark in given.items()} == expected
+    imported = marks(client, name)
+    assert {place: mark[0] for place, mark in imported.items()} == expected
     at = datetime(2026, 11, 29, 10, 0, 0, 250_000, timezone.utc)
-    assert {(mark[1], datetime.fromisoformat(mark[3])) for mark in given.values()} == {
-        ("ada", at)
-    }
+    assert {
+        (mark[1], datetime.fromisoformat(mark[3])) for mark in imported.values()
+    } == {("ada", at)}
     assert all(result.code == 0 for result in results), results[0].err
     assert f"answers of people: {len(expected)} imported" in results[0].err
     assert f"answers of people: 0 imported, {len(expected)} there" in results[1].err
@@ -176,10 +176,10 @@ def test_boxes_kept_and_deleted_in_another_program_are_answers(
 def test_newer_answers_stay_and_others_are_told(client, answered):
     box, *_ = (box for box in client.boxes(answered) if box.review)
     now = datetime.now(timezone.utc)
-    given = {"frame": box.frame, "box": box.id, "verdict": "keep", "reviewer": "old"}
+    line = {"frame": box.frame, "box": box.id, "verdict": "keep", "reviewer": "old"}
 
     def imported(at, **more):
-        answer = {**given, "created_at": at.isoformat(), **more}
+        answer = {**line, "created_at": at.isoformat(), **more}
         return client.import_answers(answered, [answer])
 
     earlier = imported(now - timedelta(days=1))

@@ -39,13 +39,13 @@ def reviewer(api):
         yield make
 
 
-def get_queue(api, dataset, **wanted):
+def get_queue(api, dataset, **body):
     """The queue of all boxes that nobody has decided, in doubt or not."""
-    if "filters" not in wanted and wanted.get("order") != "audit":
-        wanted["filters"] = {"review": "undecided"}
-    answer = api.post(f"/datasets/{dataset}/queue", wanted)
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+    if "filters" not in body and body.get("order") != "audit":
+        body["filters"] = {"review": "undecided"}
+    response = api.post(f"/datasets/{dataset}/queue", body)
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
 def ids(queue):
@@ -99,16 +99,16 @@ def test_unsure_box_is_last_in_the_queue(api, dataset):
 
 def test_response_of_the_queue_is_not_kept_for_an_idempotency_key(api, dataset):
     """It has all data of many boxes, and a repeated request may get others."""
-    asked = {"url": f"{BASE}/datasets/{dataset}/queue", "json": {}}
+    request = {"url": f"{BASE}/datasets/{dataset}/queue", "json": {}}
 
-    answers = [
-        api.http.post(**asked, headers={"Idempotency-Key": f"queue-of-{dataset}"})
+    responses = [
+        api.http.post(**request, headers={"Idempotency-Key": f"queue-of-{dataset}"})
         for _ in range(2)
     ]
 
-    assert [answer.status_code for answer in answers] == [200, 200]
-    assert not any("idempotent-replayed" in answer.headers for answer in answers)
-    assert answers[0].headers["cache-control"] == "no-store"
+    assert [response.status_code for response in responses] == [200, 200]
+    assert not any("idempotent-replayed" in response.headers for response in responses)
+    assert responses[0].headers["cache-control"] == "no-store"
 
 
 def test_excluded_boxes_are_not_returned_by_the_queue(api, dataset):
@@ -161,19 +161,23 @@ def test_concurrent_reviewers_never_get_the_same_box(api, reviewer):
 
     def ask_often(number: int) -> set[int]:
         order = orders[number % 4]
-        answers = [get_queue(clients[number], dataset, order=order, limit=3)]
-        answers.append(
+        responses = [get_queue(clients[number], dataset, order=order, limit=3)]
+        responses.append(
             get_queue(
-                clients[number], dataset, order=order, limit=2, exclude=ids(answers[0])
+                clients[number],
+                dataset,
+                order=order,
+                limit=2,
+                exclude=ids(responses[0]),
             )
         )
-        return {box_id for answer in answers for box_id in ids(answer)}
+        return {box_id for response in responses for box_id in ids(response)}
 
     with ThreadPoolExecutor(8) as pool:
-        given = list(pool.map(ask_often, range(8)))
+        boxes = list(pool.map(ask_often, range(8)))
 
-    assert [len(one) for one in given] == [5] * 8
-    assert len(set().union(*given)) == 40
+    assert [len(part) for part in boxes] == [5] * 8
+    assert len(set().union(*boxes)) == 40
 
 
 def test_queue_by_class_follows_the_order_of_the_classes(api):
@@ -194,8 +198,8 @@ def test_random_order_is_reproducible_by_its_seed(api, dataset):
 
     assert queued_ids() == queued_ids()
     assert queued_ids(seed=3) == seeds[3]
-    assert len({tuple(one) for one in seeds}) > 4
-    assert {len(set(one)) for one in seeds} == {12}
+    assert len({tuple(ids) for ids in seeds}) > 4
+    assert {len(set(ids)) for ids in seeds} == {12}
 
 
 def test_audit_queue_has_the_boxes_that_others_have_decided(api, dataset, reviewer):
@@ -259,11 +263,11 @@ def test_conflicts_are_queued_in_every_order(api, dataset, order):
 
 
 def test_queue_applies_the_filters_of_lists(api, dataset):
-    wanted = {"verdict": "rejected", "class": "car", "distance_min": 1}
+    filters = {"verdict": "rejected", "class": "car", "distance_min": 1}
 
-    assert get_queue(api, dataset, filters=wanted)["items"] == []
-    del wanted["distance_min"]
-    queue = get_queue(api, dataset, filters=wanted)
+    assert get_queue(api, dataset, filters=filters)["items"] == []
+    del filters["distance_min"]
+    queue = get_queue(api, dataset, filters=filters)
     assert len(queue["items"]) == queue["remaining"] == 6
 
 

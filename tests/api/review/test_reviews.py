@@ -70,16 +70,19 @@ def test_history_is_in_the_order_of_storing_not_of_the_clock(service, has_number
         pages = [api.get(path, limit=1)]
         while "next" in pages[-1].links:
             pages.append(api.http.get(pages[-1].links["next"]["url"]))
-        wrong = [api.get(path, cursor=one) for one in ("1", "x~1", "inf~1", "-1~1")]
+        wrong = [
+            api.get(path, cursor=cursor) for cursor in ("1", "x~1", "inf~1", "-1~1")
+        ]
 
-    assert [one for page in pages for one in page.json()["items"]] == items
+    assert [entry for page in pages for entry in page.json()["items"]] == items
     assert [len(page.json()["items"]) for page in pages] == [1] * len(items)
     assert pages[-1].json()["next_cursor"] is None
-    assert {(one.status_code, one.json()["code"]) for one in wrong} == {
+    assert {(response.status_code, response.json()["code"]) for response in wrong} == {
         (400, "bad_cursor")
     }
     told = [
-        one["run"] if one["kind"] == "decision" else one["verdict"] for one in items
+        entry["run"] if entry["kind"] == "decision" else entry["verdict"]
+        for entry in items
     ]
     assert told[:-1] == [second, "unsure", "reject", first, "keep"]
 
@@ -104,8 +107,8 @@ def test_the_history_of_a_box_shows_the_match_of_the_box(api):
     assert shown["on the car"]["match_percent"] == 100
     assert shown["masked"]["match_percent"] is None
     for key in ("verdict", "reason", "match_percent", "threshold"):
-        assert {one: told[one][key] for one in told} == {
-            one: shown[one][key] for one in shown
+        assert {box: told[box][key] for box in told} == {
+            box: shown[box][key] for box in shown
         }
 
 
@@ -121,7 +124,7 @@ def test_answer_that_changes_nothing_is_not_stored(api, ghosts):
     assert stale.status_code == 412
     assert (commented.status_code, commented.json()["revision"]) == (201, 2)
     history = api.json(f"/boxes/{ghosts[0]}/history")["items"]
-    assert [one.get("revision") for one in history] == [2, 1, None]
+    assert [entry.get("revision") for entry in history] == [2, 1, None]
 
 
 def test_same_answer_of_another_person_or_after_an_undo_is_stored(service, as_role):
@@ -149,8 +152,8 @@ def test_one_person_answers_a_box_only_so_often(service, as_role):
         own = Api(as_role("reviewer"))
         most = service.app.state.settings.max_answers_per_box
         for seen in range(most):
-            given = own.review(box_id, ("keep", "reject")[seen % 2], seen)
-            assert given.status_code == 201, given.text
+            response = own.review(box_id, ("keep", "reject")[seen % 2], seen)
+            assert response.status_code == 201, response.text
         last = own.json(f"/boxes/{box_id}")["revision"]
         bulk = {"dataset": name, "verdict": "unsure", "box_ids": [box_id]}
         chosen = {"dataset": name, "verdict": "unsure", "filter": {"review": "any"}}
@@ -164,11 +167,11 @@ def test_one_person_answers_a_box_only_so_often(service, as_role):
         ]
         undone = api.post(f"/boxes/{box_id}/reviews/{last}/undo")
 
-    assert {(one.status_code, one.json()["code"]) for one in refused} == {
-        (409, "too_many_answers")
-    }
-    for one in refused:
-        detail = one.json()["detail"]
+    assert {
+        (response.status_code, response.json()["code"]) for response in refused
+    } == {(409, "too_many_answers")}
+    for response in refused:
+        detail = response.json()["detail"]
         assert f"box {box_id}" in detail
         assert f"{most} answers" in detail
         assert "UNGHOST_MAX_ANSWERS_PER_BOX" in detail
@@ -216,9 +219,9 @@ def test_stale_answer_returns_412_with_the_current_box(api, ghosts):
 
 def test_concurrent_answers_on_one_box_store_one_others_get_412(api, ghosts):
     with ThreadPoolExecutor(8) as pool:
-        answers = list(pool.map(lambda _: api.review(ghosts[0], "keep"), range(8)))
+        responses = list(pool.map(lambda _: api.review(ghosts[0], "keep"), range(8)))
 
-    assert sorted(answer.status_code for answer in answers) == [201] + [412] * 7
+    assert sorted(response.status_code for response in responses) == [201] + [412] * 7
     assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 1
 
 
@@ -236,9 +239,9 @@ def test_concurrent_answers_on_one_box_store_one_others_get_412(api, ghosts):
     ],
 )
 def test_invalid_answer_is_refused_and_changes_nothing(api, ghosts, body):
-    answer = api.post(f"/boxes/{ghosts[0]}/reviews", body)
+    response = api.post(f"/boxes/{ghosts[0]}/reviews", body)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_request")
     assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 0
 
 
@@ -263,6 +266,6 @@ def test_boxes_are_filtered_by_their_answers(api, filters, ids):
     api.review(boxes[2]["box_id"], "reject")
     api.review(boxes[3]["box_id"], "unsure")
 
-    found = [box["id"] for box in api.boxes(name, **filters)]
+    listed = [box["id"] for box in api.boxes(name, **filters)]
 
-    assert sorted(found) == sorted(ids)
+    assert sorted(listed) == sorted(ids)

@@ -100,10 +100,10 @@ def test_of_two_people_who_activate_at_once_the_second_is_refused(serve):
     ],
 )
 def test_invalid_config_is_refused(api, dataset, content, code, words):
-    answer = add_config(api, dataset, content)
+    response = add_config(api, dataset, content)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, code), answer.text
-    assert words in answer.json()["detail"]
+    assert (response.status_code, response.json()["code"]) == (422, code), response.text
+    assert words in response.json()["detail"]
     assert len(api.json(f"/datasets/{dataset}/configs")["items"]) == 1
 
 
@@ -135,9 +135,9 @@ def test_config_of_wrong_media_type_or_too_large_is_refused(
     ],
 )
 def test_invalid_preview_or_run_request_is_refused(api, dataset, path, body, status):
-    answer = api.post(f"/datasets/{dataset}/{path}", body)
+    response = api.post(f"/datasets/{dataset}/{path}", body)
 
-    assert answer.status_code == status, answer.text
+    assert response.status_code == status, response.text
     assert api.verdicts(dataset) == {"real": "kept", "ghost": "rejected"}
 
 
@@ -189,8 +189,8 @@ def test_a_flip_shows_the_match_of_the_box(api, mask, active, previewed, match):
 
     preview = api.post(f"/datasets/{name}/preview", {"config": previewed}).json()
 
-    assert [one["match_percent"] for one in api.boxes(name)] == [match]
-    assert [one["match_percent"] for one in preview["flips"]["items"]] == [match]
+    assert [box["match_percent"] for box in api.boxes(name)] == [match]
+    assert [flip["match_percent"] for flip in preview["flips"]["items"]] == [match]
 
 
 def test_histogram_of_a_dataset_without_classes_has_its_edges(api):

@@ -43,16 +43,16 @@ def test_cancelled_measuring_run_stops_soon_and_changes_nothing(held):
     before = dataset_and_boxes(api, dataset)
     run_id = start_and_measure_some(api, dataset, permits)
 
-    answer = api.post(f"/runs/{run_id}/cancel")
+    response = api.post(f"/runs/{run_id}/cancel")
     # The frame in progress is the last one: the next job begins without more of them.
     permits.release()
     following = api.wait_for_job(
         api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
     )
 
-    assert (answer.status_code, answer.json()["state"]) == (202, "cancelled")
-    assert answer.headers["location"].endswith(f"/runs/{run_id}")
-    assert_matches_model(wire.Run, answer.json())
+    assert (response.status_code, response.json()["state"]) == (202, "cancelled")
+    assert response.headers["location"].endswith(f"/runs/{run_id}")
+    assert_matches_model(wire.Run, response.json())
     assert following["state"] == "done"
     assert dataset_and_boxes(api, dataset) == before
     run = api.json(f"/runs/{run_id}")
@@ -82,12 +82,12 @@ def test_cancelled_queued_run_never_starts(held):
     working = post_run(api, dataset)
     waiting = post_run(api, dataset, NOTHING_VISIBLE)
 
-    answer = api.post(f"/runs/{waiting}/cancel")
+    response = api.post(f"/runs/{waiting}/cancel")
     api.post(f"/runs/{working}/cancel")
     permits.release()
     following = api.run(dataset, {})
 
-    assert (answer.status_code, following["state"]) == (202, "done")
+    assert (response.status_code, following["state"]) == (202, "done")
     run = api.json(f"/runs/{waiting}")
     assert (run["state"], run["started_at"]) == ("cancelled", None)
 

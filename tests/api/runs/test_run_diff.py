@@ -52,21 +52,21 @@ def test_diff_of_any_two_runs_equals_the_difference_of_verdicts(
     api, dataset, other, activate
 ):
     api.upload_frame(dataset, "many", {**scene.annotation(), "boxes": BOXES})
-    one = api.run(dataset, {"threshold_small_box": 80})
+    first = api.run(dataset, {"threshold_small_box": 80})
     before = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
-    two = api.run(dataset, other, activate=activate)
-    shown = two if activate else api.run(dataset, other)
+    second = api.run(dataset, other, activate=activate)
+    shown = second if activate else api.run(dataset, other)
     after = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
 
-    forth = api.json(f"/runs/{two['id']}/diff", against=one["id"])
-    back = api.json(f"/runs/{one['id']}/diff", against=two["id"])
+    forth = api.json(f"/runs/{second['id']}/diff", against=first["id"])
+    back = api.json(f"/runs/{first['id']}/diff", against=second["id"])
 
     changed = {box: (before[box], after[box]) for box in before}
     changed = {box: pair for box, pair in changed.items() if pair[0] != pair[1]}
     assert flips(forth) == changed
     assert flips(back) == {box: pair[::-1] for box, pair in changed.items()}
     assert (forth["total"], sum(forth["by_class"].values())) == (len(changed),) * 2
-    same = api.json(f"/runs/{shown['id']}/diff", against=two["id"])
+    same = api.json(f"/runs/{shown['id']}/diff", against=second["id"])
     assert (same["total"], same["items"], same["by_class"]) == (0, [], {})
 
 
@@ -75,19 +75,19 @@ def test_diff_pagination_returns_every_flip_once_by_match(api, dataset):
     run = api.run(dataset, {"threshold_small_box": 99.5})
     whole = api.json(f"/runs/{run['id']}/diff")
 
-    found: list[dict] = []
+    flips: list[dict] = []
     cursor = None
-    while cursor or not found:
+    while cursor or not flips:
         more: dict[str, str] = {"cursor": cursor} if cursor else {}
-        answer = api.get(f"/runs/{run['id']}/diff", limit=2, **more)
-        page = answer.json()
-        assert ("link" in answer.headers) == (page["next_cursor"] is not None)
-        found += page["items"]
+        response = api.get(f"/runs/{run['id']}/diff", limit=2, **more)
+        page = response.json()
+        assert ("link" in response.headers) == (page["next_cursor"] is not None)
+        flips += page["items"]
         cursor = page["next_cursor"]
 
     matches = [item["match_percent"] for item in whole["items"]]
-    assert len(found) == whole["total"] > 4
-    assert found == whole["items"]
+    assert len(flips) == whole["total"] > 4
+    assert flips == whole["items"]
     assert matches == sorted(matches, reverse=True)
 
 
@@ -121,8 +121,8 @@ def test_runs_that_cannot_be_compared_are_refused(api, dataset):
     run = api.run(dataset, NOTHING_VISIBLE)
 
     def code(path, **more):
-        answer = api.get(path, **more)
-        return answer.status_code, answer.json()["code"]
+        response = api.get(path, **more)
+        return response.status_code, response.json()["code"]
 
     assert failed["state"] == "failed"
     assert code(f"/runs/{first}/diff") == (400, "nothing_before")
@@ -135,5 +135,5 @@ def test_runs_that_cannot_be_compared_are_refused(api, dataset):
     assert code(f"/runs/{run['id']}/diff", against=10**9) == (404, "not_found")
     assert code("/runs/1000000000/diff") == (404, "not_found")
     for cursor in ("x", "1~", "~1", "1~1.5", f"1~{2**63}", "nan~1", "-1~1", "1~-1"):
-        found = code(f"/runs/{run['id']}/diff", cursor=cursor)
-        assert found == (400, "bad_cursor"), cursor
+        problem = code(f"/runs/{run['id']}/diff", cursor=cursor)
+        assert problem == (400, "bad_cursor"), cursor

@@ -28,63 +28,63 @@ def seen(tmp_path_factory):
     with live(folder, workers=1) as service, service.admin() as http:
         api = Api(http)
         dataset = api.dataset_of_frames(FRAMES)
-        found = []
+        sent = []
         with hold_frames() as permits:
             run_id = post_run(api, dataset, activate=False)
             permits.release(SHOWN[0])
             with open_events(api, run_id) as stream:
-                for event in (one for one in stream if one.name):
-                    found.append(event)
+                for event in (event for event in stream if event.name):
+                    sent.append(event)
                     if event.data["done"] in SHOWN:
                         permits.release(SHOWN[0])
-        yield api, run_id, found
+        yield api, run_id, sent
 
 
 def test_run_events_show_progress_and_finish_with_the_end_event(seen):
-    api, run_id, found = seen
-    done = [event.data["done"] for event in found]
+    api, run_id, sent = seen
+    done = [event.data["done"] for event in sent]
 
-    assert [event.name for event in found][-2:] == ["progress", "end"]
-    assert {event.name for event in found[:-1]} == {"progress"}
+    assert [event.name for event in sent][-2:] == ["progress", "end"]
+    assert {event.name for event in sent[:-1]} == {"progress"}
     assert done == sorted(done)
     assert set(SHOWN) <= set(done)
-    assert found[-1].data == api.json(f"/runs/{run_id}")
-    assert (found[-1].data["state"], found[-1].data["done"]) == ("done", FRAMES)
+    assert sent[-1].data == api.json(f"/runs/{run_id}")
+    assert (sent[-1].data["state"], sent[-1].data["done"]) == ("done", FRAMES)
 
 
 def test_run_events_have_increasing_ids_and_a_limited_rate(seen):
-    _, _, found = seen
-    numbers = [int(event.id) for event in found]
-    last = found[-1].data
+    _, _, sent = seen
+    numbers = [int(event.id) for event in sent]
+    last = sent[-1].data
     times = (last[name].rstrip("Z") for name in ("created_at", "finished_at"))
     begun, ended = map(datetime.fromisoformat, times)
 
     assert numbers == sorted(set(numbers))
     # By the server's times, since events may arrive late. Three may follow its end.
-    assert len(found) - 3 <= (ended - begun).total_seconds() / EVERY_S + 1
+    assert len(sent) - 3 <= (ended - begun).total_seconds() / EVERY_S + 1
 
 
 def test_run_events_resume_after_last_event_id(seen):
-    api, run_id, found = seen
-    last = found[-1]
+    api, run_id, sent = seen
+    last = sent[-1]
 
-    again = events(api, run_id, found[-3].id)
+    again = events(api, run_id, sent[-3].id)
     url = f"{BASE}/runs/{run_id}/events"
     over = api.http.get(url, headers={"Last-Event-ID": last.id})
 
-    assert [event.id for event in again] == [event.id for event in found[-2:]]
+    assert [event.id for event in again] == [event.id for event in sent[-2:]]
     assert (over.status_code, over.content) == (204, b"")
 
 
 @pytest.mark.parametrize("unknown", ["", "-1", "soon", "9" * 40, "²"])
 def test_unknown_last_event_id_restarts_the_run_events(seen, unknown):
-    api, run_id, found = seen
+    api, run_id, sent = seen
 
     headers = {"Last-Event-ID": unknown.encode("latin-1")}
-    answer = api.http.get(f"{BASE}/runs/{run_id}/events", headers=headers)
+    response = api.http.get(f"{BASE}/runs/{run_id}/events", headers=headers)
 
-    assert answer.text.count("event: ") == 2
-    assert f"id: {found[-1].id}\n" in answer.text
+    assert response.text.count("event: ") == 2
+    assert f"id: {sent[-1].id}\n" in response.text
 
 
 def test_events_of_a_missing_run_return_404_and_no_stream(held):
@@ -161,11 +161,11 @@ def test_event_stream_sends_heartbeats_until_its_token_is_revoked(held):
     token = api.post("/tokens", {"name": "watcher", "role": "viewer"}).json()
     watcher = Api.at(server.url, {"Authorization": f"Bearer {token['token']}"})
     with watcher.http, open_events(watcher, run_id) as stream:
-        found = [next(stream), next(stream)]
+        sent = [next(stream), next(stream)]
         api.http.delete(f"{BASE}/tokens/{token['id']}")
         rest = list(stream)
 
-    assert [event.name for event in found] == ["progress", ""]
+    assert [event.name for event in sent] == ["progress", ""]
     assert {event.name for event in rest} <= {""}
 
 

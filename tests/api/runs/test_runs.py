@@ -52,7 +52,7 @@ def test_history_reproduces_every_earlier_verdict(api, dataset):
         for config in (NOTHING_VISIBLE, CARS_ARE_SKY, {"profile": "carlasimu"})
     ]
 
-    found = {
+    histories = {
         box: [
             (entry["config"], entry["verdict"], entry["reason"], entry["match_percent"])
             for entry in api.json(f"/boxes/{box}/history")["items"]
@@ -62,7 +62,7 @@ def test_history_reproduces_every_earlier_verdict(api, dataset):
 
     invisible, sky, published = (run["config"] for run in runs)
     assert [run["kind"] for run in runs] == ["decide", "decide", "measure"]
-    assert found == {
+    assert histories == {
         car: [
             (published, "kept", "visible", 100.0),
             (invisible, "rejected", "no_visible_pixels", 100.0),

@@ -62,7 +62,7 @@ def segmentation(user: Visitor, street: Scene) -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "go", "part"),
+    ("address", "go", "part"),
     [
         (r"/datasets\?", open_datasets, ""),
         (r"/boxes\?", view("grid"), ""),
@@ -86,18 +86,20 @@ def segmentation(user: Visitor, street: Scene) -> None:
     ],
 )
 def test_failed_part_of_a_view_shows_error_and_can_be_retried(
-    user, street, asked, go, part
+    user, street, address, go, part
 ):
     page: Page = user.page
-    page.route(re.compile(asked), respond_with_500)
+    page.route(re.compile(address), respond_with_500)
     go(user, street)
     place = page.get_by_role("region", name=part) if part else page
     failure = place.get_by_role("alert")
     expect(failure).to_contain_text(DETAIL)
 
-    page.unroute(re.compile(asked))
+    page.unroute(re.compile(address))
     # A failed response to a second such request may still be on its way.
-    with page.expect_response(lambda got: got.ok and bool(re.search(asked, got.url))):
+    with page.expect_response(
+        lambda response: response.ok and bool(re.search(address, response.url))
+    ):
         place.get_by_role("button", name="Try again").click()
 
     expect(failure).to_have_count(0)

@@ -32,7 +32,7 @@ def dataset_on_second_page(user: Visitor, make_scene: MakeScene) -> str:
     scene, *others = (make_scene() for _ in range(3))
     listed = scenes.get(scene.http, "/datasets?limit=1000")["items"]
     names = [str(dataset["name"]) for dataset in listed]
-    last = max(names.index(one.dataset) for one in (scene, *others))
+    last = max(names.index(street.dataset) for street in (scene, *others))
     shorten_pages(user.page, "/datasets", last)
     return names[last]
 
@@ -52,7 +52,7 @@ def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_
         page.get_by_role("heading", name=dataset_on_second_page, exact=True)
     ).to_be_visible()
 
-    given = {
+    contents = {
         "9.png": scenes.picture(),
         "9_seg.png": scenes.segmentation("raw"),
         "9.json": json.dumps({"boxes": scenes.BOXES}).encode(),
@@ -60,7 +60,7 @@ def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_
     page.get_by_label("Upload files").last.set_input_files(
         [
             {"name": name, "mimeType": "application/octet-stream", "buffer": data}
-            for name, data in given.items()
+            for name, data in contents.items()
         ]
     )
 

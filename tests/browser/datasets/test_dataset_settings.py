@@ -69,7 +69,9 @@ def test_changed_palette_starts_a_run_and_links_to_it(scene, user):
 def test_settings_offer_the_values_that_the_api_accepts(scene, user):
     page = open_settings(user, scene)
     properties = DatasetPatch.model_json_schema()["properties"]
-    choices = {name: one["enum"] for name, one in properties.items() if "enum" in one}
+    choices = {
+        name: field["enum"] for name, field in properties.items() if "enum" in field
+    }
 
     for name, values in choices.items():
         options = page.locator(f"select[name={name}] option")

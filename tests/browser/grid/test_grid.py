@@ -286,8 +286,8 @@ def test_grid_that_was_left_before_its_dataset_was_loaded_is_restored(
 def test_lists_are_read_once_after_the_dataset_has_changed(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
     scenes.push(sixty_boxes.http, sixty_boxes.dataset, "run/000002")
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    addresses: list[str] = []
+    page.on("request", lambda request: addresses.append(request.url))
 
     with page.expect_response(f"**/datasets/{sixty_boxes.dataset}"):
         user.press("v")
@@ -296,7 +296,7 @@ def test_lists_are_read_once_after_the_dataset_has_changed(sixty_boxes, user):
     cell(page, 0).click()
 
     assert selected(page) == [0]
-    assert len([url for url in asked if "/boxes?" in url]) == 1
+    assert len([url for url in addresses if "/boxes?" in url]) == 1
 
 
 def test_list_that_was_read_again_is_selected_from_and_returned_to(sixty_boxes, user):

@@ -47,29 +47,29 @@ def measured(user: Visitor, dataset: str) -> Locator:
 def test_measured_channels_are_compared_by_class_distance_and_with_people(
     user, http, dataset
 ):
-    found = measured(user, dataset)
+    channels = measured(user, dataset)
 
-    unfiltered = found.get_by_role("row", name=re.compile("^No filter"))
+    unfiltered = channels.get_by_role("row", name=re.compile("^No filter"))
     expect(unfiltered).to_contain_text("50 %")
-    segmentation = found.get_by_role("row", name=re.compile("^Segmentation active"))
+    segmentation = channels.get_by_role("row", name=re.compile("^Segmentation active"))
     expect(segmentation).to_contain_text("50 %")
     expect(segmentation.locator("td").nth(4)).to_have_text("1")
-    expect(found.get_by_role("row", name=re.compile("^Depth pixels"))).to_contain_text(
-        "100 %"
-    )
-    expect(found).to_contain_text("2 boxes of 1 frame")
-    expect(found.get_by_role("button", name="Measure every kind")).to_have_count(0)
+    expect(
+        channels.get_by_role("row", name=re.compile("^Depth pixels"))
+    ).to_contain_text("100 %")
+    expect(channels).to_contain_text("2 boxes of 1 frame")
+    expect(channels.get_by_role("button", name="Measure every kind")).to_have_count(0)
     boxes = http.get("/boxes", params={"dataset": dataset}).json()["items"]
     assert [box["verdict"] for box in boxes] == ["kept", "kept"]
 
-    found.get_by_role("button", name="Distance").click()
-    expect(found.get_by_role("row", name=re.compile("^0–50 m"))).to_be_visible()
+    channels.get_by_role("button", name="Distance").click()
+    expect(channels.get_by_role("row", name=re.compile("^0–50 m"))).to_be_visible()
 
-    found.get_by_role("button", name="Class").click()
-    expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
+    channels.get_by_role("button", name="Class").click()
+    expect(channels.get_by_role("row", name=re.compile("^car"))).to_be_visible()
 
-    found.get_by_role("button", name="People").click()
-    expect(found).to_contain_text("Nobody has kept or rejected a box yet")
+    channels.get_by_role("button", name="People").click()
+    expect(channels).to_contain_text("Nobody has kept or rejected a box yet")
     for box in http.get("/boxes", params={"dataset": dataset}).json()["items"]:
         body = {"verdict": "keep", "seen_revision": box["revision"]}
         http.post(f"/boxes/{box['box_id']}/reviews", json=body)
@@ -77,17 +77,17 @@ def test_measured_channels_are_compared_by_class_distance_and_with_people(
     user.page.reload()
 
     assert user.page.url.endswith("truth=people")
-    depth = found.get_by_role("row", name=re.compile("^Depth pixels"))
+    depth = channels.get_by_role("row", name=re.compile("^Depth pixels"))
     expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
 
 
 def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, http, dataset):
-    found = measured(user, dataset)
-    expect(found.get_by_role("link", name=re.compile("that Depth got"))).to_have_count(
-        0
-    )
+    channels = measured(user, dataset)
+    expect(
+        channels.get_by_role("link", name=re.compile("that Depth got"))
+    ).to_have_count(0)
 
-    found.get_by_role("link", name="Look at 1 that Segmentation got wrong").click()
+    channels.get_by_role("link", name="Look at 1 that Segmentation got wrong").click()
 
     page = user.page
     # The address soon names the box as well.
@@ -97,8 +97,8 @@ def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, http, dataset):
     user.press("x")
     user.wait_until_saved()
     expect(page.locator(".queue__message")).to_contain_text("1 rejected")
-    answers = http.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
-    assert [box["id"] for box in answers["items"]] == ["218"]
+    listed = http.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
+    assert [box["id"] for box in listed["items"]] == ["218"]
 
     page.locator(".queue__head").get_by_role("button", name="The whole queue").click()
     expect(page).to_have_url(re.compile(rf"/{dataset}/queue$"))
@@ -139,8 +139,8 @@ def test_box_decided_by_depth_names_the_deciding_channel(user, http, dataset):
 
 def rejected(http: httpx.Client, dataset: str) -> int:
     """The id of the one rejected box; waits until the measuring run is done."""
-    asked = {"dataset": dataset, "verdict": "rejected"}
-    (box,) = until(lambda: http.get("/boxes", params=asked).json()["items"])
+    filters = {"dataset": dataset, "verdict": "rejected"}
+    (box,) = until(lambda: http.get("/boxes", params=filters).json()["items"])
     return int(box["box_id"])
 
 

@@ -74,8 +74,8 @@ def test_all_like_the_last_one_get_its_answer_by_one_key_and_one_undo(ghosts, us
 def test_history_says_how_many_of_a_bulk_answer_were_looked_at(ghosts, user):
     ids = [ghosts.box_id(name) for name in ("g0", "g1", "g2")]
     body = {"dataset": ghosts.dataset, "box_ids": ids, "verdict": "reject"}
-    answer = ghosts.http.post("/reviews/bulk", json={**body, "looked_at": 1})
-    assert answer.status_code == 201, answer.text
+    response = ghosts.http.post("/reviews/bulk", json={**body, "looked_at": 1})
+    assert response.status_code == 201, response.text
 
     page = user.open(ghosts.link("g1"))
 
@@ -135,13 +135,13 @@ def test_one_answer_for_a_track_is_undone_as_one(drive, user):
 
     user.press("Shift+X")
     user.wait_until_saved()
-    given = [scenes.get(drive.http, f"/boxes/{one}")["review"] for one in ids]
-    assert [one["verdict"] for one in given] == ["reject"] * 4
+    reviews = [scenes.get(drive.http, f"/boxes/{box_id}")["review"] for box_id in ids]
+    assert [review["verdict"] for review in reviews] == ["reject"] * 4
     expect(page.locator(".queue__message")).to_contain_text("All done")
 
     user.press("z")
     user.wait_until_saved()
-    assert [scenes.get(drive.http, f"/boxes/{one}")["review"] for one in ids] == (
+    assert [scenes.get(drive.http, f"/boxes/{box_id}")["review"] for box_id in ids] == (
         [None] * 4
     )
     expect(page.locator(".queue__progress")).to_contain_text(

@@ -26,24 +26,19 @@ def ask(user, scene, name, **query):
     return open_queue(user, scene, boxes=str(scene.box_id(name)), **query)
 
 
-def test_question_names_the_object_and_what_it_is_inside_of(hidden, user):
-    page = ask(user, hidden, "218")
-
-    expect(page.locator(".question__ask")).to_have_text(
-        "Can you see any of this car? 12 × 6 px, 177 m away, inside car 214 at 30 m"
-    )
-    expect(page.locator(".stage")).to_have_attribute(
-        "data-hider", str(hidden.box_id("214"))
-    )
-
-
-def test_question_of_a_blind_review_does_not_name_other_boxes(hidden, user):
-    page = ask(user, hidden, "218", blind="on")
+@pytest.mark.parametrize("is_blind", [False, True])
+def test_question_names_what_the_object_is_inside_of_unless_blind(
+    hidden, user, is_blind
+):
+    page = ask(user, hidden, "218", **({"blind": "on"} if is_blind else {}))
 
     expect(page.locator(".question__ask")).to_have_text(
         "Can you see any of this car? 12 × 6 px, 177 m away"
+        + ("" if is_blind else ", inside car 214 at 30 m")
     )
-    expect(page.locator(".stage")).to_have_attribute("data-hider", "")
+    expect(page.locator(".stage")).to_have_attribute(
+        "data-hider", "" if is_blind else str(hidden.box_id("214"))
+    )
 
 
 def test_rule_of_the_dataset_is_beside_the_question(hidden, user):

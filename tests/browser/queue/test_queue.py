@@ -43,20 +43,20 @@ def shows(page: Page, name: str) -> None:
 
 def test_answer_key_saves_the_answer_and_shows_the_next_box(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
-    given = {}
+    pressed = {}
 
     for number, (key, verdict) in enumerate(
         [("a", "keep"), ("x", "reject"), ("Space", "unsure")], 1
     ):
-        given[queued_box_id(page)] = verdict
+        pressed[queued_box_id(page)] = verdict
         user.press(key)
         expect(page.locator(".queue__progress")).to_contain_text(
             f"{number} answered · {20 - number} unanswered"
         )
 
-    assert queued_box_id(page) not in given
+    assert queued_box_id(page) not in pressed
     user.wait_until_saved()
-    assert answers(twenty_boxes) == given
+    assert answers(twenty_boxes) == pressed
 
 
 def test_queue_zooms_to_the_box_and_keys_toggle_the_full_frame(twenty_boxes, user):
@@ -260,11 +260,11 @@ def test_queue_order_is_switched_and_kept_in_the_address(twenty_boxes, user):
     expect(page.get_by_role("heading", name="Nothing to audit")).to_be_visible()
 
     for name, order in ORDERS.items():
-        asked = f'"order":"{order}"'
+        body = f'"order":"{order}"'
         with page.expect_response(
-            lambda response, asked=asked: (
+            lambda response, body=body: (
                 response.url.endswith("/queue")
-                and asked in (response.request.post_data or "")
+                and body in (response.request.post_data or "")
             )
         ) as response:
             page.get_by_role("group", name="Order").get_by_text(name).click()
@@ -407,11 +407,11 @@ def test_blind_full_frame_hides_verdicts_of_unanswered_boxes(make_scene, user):
 
 def test_undo_of_second_answer_keeps_the_first_answer_counted(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
-    given = {}
+    pressed = {}
 
     for number, second in enumerate(["x", "a comment"], 1):
         box = queued_box_id(page)
-        given[box] = "keep"
+        pressed[box] = "keep"
         user.press("a", "ArrowLeft")
         shows(page, box)
         if second == "x":
@@ -424,7 +424,7 @@ def test_undo_of_second_answer_keeps_the_first_answer_counted(twenty_boxes, user
         expect(page.locator(".queue__progress")).to_contain_text(
             f"{number} answered · {20 - number} unanswered"
         )
-        assert answers(twenty_boxes) == given
+        assert answers(twenty_boxes) == pressed
         shows(page, box)
         user.press("j")
 
@@ -591,9 +591,9 @@ def test_no_answer_by_keyboard_is_on_a_box_whose_picture_was_not_painted(
     answered, cursor = set(), ""
     while cursor is not None:
         path = f"/boxes?dataset={scene.dataset}&review=any&limit=500&cursor={cursor}"
-        found = scenes.get(scene.http, path)
-        answered |= {box["id"] for box in found["items"]}
-        cursor = found["next_cursor"]
+        boxes = scenes.get(scene.http, path)
+        answered |= {box["id"] for box in boxes["items"]}
+        cursor = boxes["next_cursor"]
     shown = page.evaluate("window.pressed")
     assert len(answered) == 4 * frames
     for name in answered:

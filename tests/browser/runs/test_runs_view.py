@@ -62,9 +62,9 @@ def runs_page(user: Visitor, street: Scene, query: str = "") -> Page:
 
 def start_run(street: Scene, **config: object) -> int:
     body = {"config": config, "activate": True}
-    answer = street.http.post(f"/datasets/{street.dataset}/runs", json=body)
-    assert answer.status_code == 202, answer.text
-    number: int = answer.json()["id"]
+    response = street.http.post(f"/datasets/{street.dataset}/runs", json=body)
+    assert response.status_code == 202, response.text
+    number: int = response.json()["id"]
     return number
 
 
@@ -95,8 +95,10 @@ def test_run_is_shown_until_done_and_what_is_cancelled_changes_nothing(
 
     # Exports are written one after another: the last is still queued when cancelled.
     path = f"/datasets/{long_street.dataset}/exports"
-    asked = [long_street.http.post(path, json={"format": "yolo"}) for _ in range(12)]
-    number = asked[-1].json()["id"]
+    responses = [
+        long_street.http.post(path, json={"format": "yolo"}) for _ in range(12)
+    ]
+    number = responses[-1].json()["id"]
 
     # Until the button is found, no export goes on.
     with hold_write_lock(server.data):
@@ -245,9 +247,9 @@ def test_export_is_made_and_its_download_matches_the_checksum(user, street, tmp_
     assert hashlib.sha256(archive.read_bytes()).hexdigest() == shown
     assert any(name.endswith(".json") for name in members(archive))
     made.get_by_role("button", name=re.compile("^Delete export")).click()
-    asked = page.get_by_role("dialog", name=re.compile(r"^Delete export \d+ \(COCO"))
-    asked.get_by_role("button", name="Delete").click()
-    expect(asked).to_have_count(0)
+    dialog = page.get_by_role("dialog", name=re.compile(r"^Delete export \d+ \(COCO"))
+    dialog.get_by_role("button", name="Delete").click()
+    expect(dialog).to_have_count(0)
     expect(made).to_have_count(0)
     path = f"/datasets/{street.dataset}/exports"
     assert scenes.get(street.http, path)["items"] == []

@@ -81,7 +81,7 @@ def test_flip_shows_its_box_and_both_sides_and_links_to_its_frame(user, street):
 
     flip.click()
 
-    box = next(one for one in street.frame["boxes"] if one["id"] == "car-30")
+    box = next(box for box in street.frame["boxes"] if box["id"] == "car-30")
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
 
 
@@ -358,10 +358,10 @@ def test_form_lists_every_key_as_declared_and_previews_no_invalid_number(user, s
         ]
     )
     # The settings of reading are changed with the dataset's, which win over these.
-    asked = [name for name in keys if name not in (*DATASET_SETTINGS, "tag_scale")]
+    expected = [name for name in keys if name not in (*DATASET_SETTINGS, "tag_scale")]
     controls = rows.locator("input, select, textarea")
     labels = controls.evaluate_all("all => all.map((one) => one.ariaLabel)")
-    assert labels == asked
+    assert labels == expected
 
     share = page.get_by_role("spinbutton", name="size_big_box")
 
@@ -479,8 +479,8 @@ def test_failed_counts_of_the_active_version_can_be_retried(street, user):
     failed: list[Route] = []
 
     def fail_active_once(route):
-        asked = route.request.post_data_json["config"]["threshold_small_box"]
-        if asked == 10 and not failed:
+        threshold = route.request.post_data_json["config"]["threshold_small_box"]
+        if threshold == 10 and not failed:
             failed.append(route)
             route.fulfill(status=503, body="{}")
         else:

@@ -32,8 +32,8 @@ PACK = """async (files) => {
 def packed(user: Visitor, files: dict[str, bytes]) -> dict[str, bytes]:
     """The files of the archive that the page makes of these files."""
     page = user.open("#/datasets")
-    given = [[name, base64.b64encode(data).decode()] for name, data in files.items()]
-    content = io.BytesIO(base64.b64decode(page.evaluate(PACK, given)))
+    encoded = [[name, base64.b64encode(data).decode()] for name, data in files.items()]
+    content = io.BytesIO(base64.b64decode(page.evaluate(PACK, encoded)))
     contents = {}
     with tarfile.open(fileobj=content) as archive:
         for member in archive:
@@ -45,9 +45,9 @@ def packed(user: Visitor, files: dict[str, bytes]) -> dict[str, bytes]:
 
 def what_is_read(folder, layout):
     """What the library finds in a folder."""
-    found = read_source(folder, layout)
-    frames = [(one.key, one.annotation, one.problem) for one in found]
-    return found.classes, found.count, found.unmatched, frames
+    source = read_source(folder, layout)
+    frames = [(frame.key, frame.annotation, frame.problem) for frame in source]
+    return source.classes, source.count, source.unmatched, frames
 
 
 @pytest.mark.parametrize("layout", LAYOUTS[1:])

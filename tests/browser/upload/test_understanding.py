@@ -209,8 +209,11 @@ def test_unit_is_said_before_frames_can_be_uploaded(root, user, http):
         for n in range(3)
     ]
     # What a person wrote beside the data stays.
-    given = {"segmentation": {"palette": "carla-0.9.14"}, "classes": {"Misc": "pass"}}
-    description = json.dumps(given).encode()
+    settings = {
+        "segmentation": {"palette": "carla-0.9.14"},
+        "classes": {"Misc": "pass"},
+    }
+    description = json.dumps(settings).encode()
     write_recording(root, boxes, **{"recording.yaml": description})
     dialog = pick(user, root)
     expect(dialog.get_by_role("button", name="Nothing to upload")).to_be_disabled()
@@ -225,7 +228,7 @@ def test_unit_is_said_before_frames_can_be_uploaded(root, user, http):
     stored = scenes.get(http, f"/datasets/{root.name}")
     assert stored["counts"]["kept"] == 3
     assert stored["recording"]["boxes"] == {"unit": "shares"}
-    assert stored["recording"]["classes"] == given["classes"]
+    assert stored["recording"]["classes"] == settings["classes"]
 
 
 NOTE_LONG_TASKS = """() => {

@@ -143,8 +143,8 @@ class Map:
 
 
 class ActorList:
-    def __init__(self, found: Iterable[actors.Actor]) -> None:
-        self._found = list(found)
+    def __init__(self, members: Iterable[actors.Actor]) -> None:
+        self._found = list(members)
 
     def filter(self, wildcard_pattern: str) -> ActorList:
         return ActorList(

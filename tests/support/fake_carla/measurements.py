@@ -77,8 +77,8 @@ class Image(Shot):
             steps = np.rint(depth / FAR_M * (2**24 - 1)).astype(np.int64)
             return np.stack([steps >> 16, steps >> 8 & 255, steps & 255], axis=-1)
         table = np.full((256, 3), 90, np.uint8)
-        for one, rgb in _COLORS.items():
-            table[one] = rgb[::-1]
+        for color_tag, rgb in _COLORS.items():
+            table[color_tag] = rgb[::-1]
         return table[tag]
 
 
@@ -118,10 +118,10 @@ class RadarMeasurement(Shot):
 
     def __iter__(self) -> Iterator[Detection]:
         for velocity, azimuth, altitude, depth in self._detections:
-            found = carla.RadarDetection()
-            found.velocity, found.azimuth = velocity, azimuth
-            found.altitude, found.depth = altitude, depth
-            yield found
+            detection = carla.RadarDetection()
+            detection.velocity, detection.azimuth = velocity, azimuth
+            detection.altitude, detection.depth = altitude, depth
+            yield detection
 
     def __len__(self) -> int:
         return len(self._detections)

@@ -146,8 +146,8 @@ class Simulator:
                 self._measure(sensor, mail, shared)
         for listener in list(self.listeners.values()):
             listener()
-        for one in mail:
-            self._mail.put(one)
+        for message in mail:
+            self._mail.put(message)
         frame = self.frame
         if self.ticks in self.faults.foreign_ticks:
             self.frame += 1
@@ -193,8 +193,8 @@ class Simulator:
 
     def _deliver(self):
         # As in the real library, callbacks run in another thread.
-        while (one := self._mail.get()) is not None:
-            sensor, shot = one
+        while (message := self._mail.get()) is not None:
+            sensor, shot = message
             sensor.receive(shot)
 
     def close(self):

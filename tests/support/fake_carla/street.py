@@ -40,14 +40,14 @@ def _park(simulator):
         box(26, 11, 0.75, (-2.4, 1.0, 0.75), yaw=10),
         box(14, 9, 0.4, (0.3, 0.3, 0.2)),
     ]
-    for number, one in enumerate(boxes, 1):
+    for number, volume in enumerate(boxes, 1):
         # As in CARLA, the object also has a transform, which does not apply to its box.
         made = EnvironmentObject(
-            2**40 + number, f"Car_{number}", label, at(99, 99), one
+            2**40 + number, f"Car_{number}", label, at(99, 99), volume
         )
         simulator.environment.append(made)
-        half = (abs(one.extent.x), one.extent.y, one.extent.z)
-        pose = carla.Transform(one.location, one.rotation)
+        half = (abs(volume.extent.x), volume.extent.y, volume.extent.z)
+        pose = carla.Transform(volume.location, volume.rotation)
         simulator.solids.append(Solid(pose, (0, 0, 0), half, CAR, 0))
 
 

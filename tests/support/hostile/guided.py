@@ -128,7 +128,7 @@ class Fuzzer:
 
         def entered(frame: FrameType, _event: str, _arg: Any) -> Any:
             name = frame.f_code.co_filename
-            return in_reader if any(one in name for one in self.folders) else None
+            return in_reader if any(folder in name for folder in self.folders) else None
 
         before = sys.gettrace()
         sys.settrace(entered)

@@ -81,7 +81,7 @@ class ModelBox:
         """Whether a person's answer is the opposite of the filter's verdict."""
         return (self.review, self.verdict) in (("keep", REJECTED), ("reject", KEPT))
 
-    def passes(self, wanted: Mapping[str, str]) -> bool:
+    def passes(self, filters: Mapping[str, str]) -> bool:
         """Whether a list with this filter shows the box."""
         review = self.review
         states = {
@@ -92,10 +92,10 @@ class ModelBox:
             **{name: review == name for name in ("keep", "reject", "unsure")},
         }
         return (
-            wanted.get("verdict", self.verdict) == self.verdict
-            and wanted.get("effective", self.effective) == self.effective
-            and (wanted.get("conflict", "false") == "false" or self.is_contradicted)
-            and states[wanted.get("review", "none" if review is None else "any")]
+            filters.get("verdict", self.verdict) == self.verdict
+            and filters.get("effective", self.effective) == self.effective
+            and (filters.get("conflict", "false") == "false" or self.is_contradicted)
+            and states[filters.get("review", "none" if review is None else "any")]
         )
 
     def answer(self, verdict: str, batch: int | None = None) -> None:
@@ -180,9 +180,11 @@ class Model:
             return None
         return next(box for box in before.boxes.values() if box.place == place)
 
-    def selected(self, wanted: Mapping[str, str]) -> list[int]:
+    def selected(self, filters: Mapping[str, str]) -> list[int]:
         """The ids of the boxes that a filter selects, sorted."""
-        return sorted(one for one, box in self.boxes().items() if box.passes(wanted))
+        return sorted(
+            number for number, box in self.boxes().items() if box.passes(filters)
+        )
 
     def run(self, threshold: int, *, activate: bool) -> int:
         """Decide all boxes with this threshold; how many change their verdict."""
@@ -219,7 +221,7 @@ class Model:
     def undo(self, batch: int, undo: int) -> int:
         """Undo a batch on the boxes where it is the newest answer; on how many."""
         boxes = self.boxes()
-        of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
+        of_batch = [boxes[number] for number in self.batches[batch] if number in boxes]
         self.undone.add(batch)
         return sum([box.take_back_batch(batch, undo) for box in of_batch])
 

@@ -39,7 +39,7 @@ def _described() -> BaseSchema:
 
 
 def _config() -> schemathesis.Config:
-    known = {
+    parameters = {
         "path.dataset": DATASET,
         "query.dataset": DATASET,
         "query.confirm": DATASET,
@@ -47,8 +47,8 @@ def _config() -> schemathesis.Config:
         "path.digest": FilterConfig().digest,
         "query.review": "any",
     }
-    names = {place: place.replace(".", "-") for place in known}
-    words = {names[place]: {"values": [value]} for place, value in known.items()}
+    names = {place: place.replace(".", "-") for place in parameters}
+    words = {names[place]: {"values": [value]} for place, value in parameters.items()}
     chosen = {
         place: {"dictionary": name, "probability": 0.8} for place, name in names.items()
     }

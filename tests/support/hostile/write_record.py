@@ -95,14 +95,14 @@ class Writer:
         key = f"{self.name}/{turn if self.dice.random() < 0.7 else 0}"
         number = 1 + turn
         self.write_record.sending[key] = {number}
-        answer = self.api.put(
+        response = self.api.put(
             self.write_record.dataset,
             key,
             annotation(number),
             replace=True,
             **files(number),
         )
-        assert answer.status_code in (200, 201), answer.text
+        assert response.status_code in (200, 201), response.text
         self._promised(key, number)
 
     def _promised(self, key: str, number: int) -> None:
@@ -135,9 +135,9 @@ class Writer:
         headers = {"Content-Type": "application/x-tar"}
         with self.api.http.stream(
             "POST", url, content=archive, headers=headers
-        ) as answer:
-            assert answer.status_code == 200
-            for line in answer.iter_lines():
+        ) as response:
+            assert response.status_code == 200
+            for line in response.iter_lines():
                 yield json.loads(line)
 
     def _review(self, turn: int) -> None:
@@ -145,29 +145,29 @@ class Writer:
         said = self.write_record.answers.setdefault(box_id, [])
         act = (frozenset({box_id}), verdict)
         self.write_record.maybe_answers.append(act)
-        answer = self.api.review(box_id, verdict, len(said), comment=str(turn))
-        assert answer.status_code == 201, answer.text
+        response = self.api.review(box_id, verdict, len(said), comment=str(turn))
+        assert response.status_code == 201, response.text
         said.append(verdict)
         self.write_record.maybe_answers.remove(act)
 
     def _bulk_and_undo(self, turn: int) -> None:
         verdict = self.dice.choice(VERDICTS)
-        before = {one: self._latest(one) for one in self.box_ids}
+        before = {box_id: self._latest(box_id) for box_id in self.box_ids}
         boxes, answers = frozenset(self.box_ids), self.write_record.answers
         self.write_record.maybe_answers.append((boxes, verdict))
         body = {
             "dataset": self.write_record.dataset,
             "box_ids": list(self.box_ids),
-            "seen_revisions": [len(answers.get(one, [])) for one in self.box_ids],
+            "seen_revisions": [len(answers.get(box_id, [])) for box_id in self.box_ids],
             "verdict": verdict,
         }
-        answer = self.api.post("/reviews/bulk", body)
-        assert answer.status_code == 201, answer.text
+        response = self.api.post("/reviews/bulk", body)
+        assert response.status_code == 201, response.text
         self._record_answers(dict.fromkeys(self.box_ids, verdict))
         self.write_record.maybe_answers.remove((boxes, verdict))
         if self.dice.random() < 0.5:
             self.write_record.maybe_undone.append(boxes)
-            undone = self.api.post(f"/review-batches/{answer.json()['id']}/undo")
+            undone = self.api.post(f"/review-batches/{response.json()['id']}/undo")
             assert undone.json()["undone"] == len(boxes), undone.text
             self._record_answers(before)
             self.write_record.maybe_undone.remove(boxes)
@@ -184,12 +184,12 @@ class Writer:
         config = {"threshold_small_box": round(1 + turn * 0.01, 2)}
         path = f"/datasets/{self.write_record.dataset}"
         self.write_record.maybe_configs += 1
-        answer = self.api.post(f"{path}/configs", config)
-        assert answer.status_code in (200, 201), answer.text
-        self.write_record.digests.add(answer.json()["digest"])
+        response = self.api.post(f"{path}/configs", config)
+        assert response.status_code in (200, 201), response.text
+        self.write_record.digests.add(response.json()["digest"])
         self.write_record.maybe_configs -= 1
         self.write_record.maybe_runs += 1
-        body = {"config": answer.json()["digest"], "activate": turn % 2 == 0}
+        body = {"config": response.json()["digest"], "activate": turn % 2 == 0}
         run = self.api.post(f"{path}/runs", body)
         assert run.status_code == 202, run.text
         self.write_record.runs.add(run.json()["id"])

@@ -23,5 +23,5 @@ SERIOUS = ("serious", "critical")
 def findings(page: Page) -> list[dict[str, str]]:
     """The findings of axe that are serious or critical."""
     page.evaluate(AXE)
-    found: list[dict[str, str]] = page.evaluate(RUN)
-    return [finding for finding in found if finding["impact"] in SERIOUS]
+    violations: list[dict[str, str]] = page.evaluate(RUN)
+    return [finding for finding in violations if finding["impact"] in SERIOUS]

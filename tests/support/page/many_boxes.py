@@ -69,21 +69,21 @@ def cell(page: Page, index: int) -> Locator:
 def selected(page: Page) -> list[int]:
     """The indexes of the selected cells, sorted."""
     marked = page.locator(".cell[aria-selected=true]").all()
-    return sorted(int(one.get_attribute("data-index") or -1) for one in marked)
+    return sorted(int(cell.get_attribute("data-index") or -1) for cell in marked)
 
 
 def answers(scene: Scene) -> dict[str, str]:
     """The stored answers, by the sender's box id."""
-    found = answered_boxes(scene)
-    names = {box["id"]: box["review"]["verdict"] for box in found}
-    assert len(names) == len(found), "boxes of several frames share their names"
+    boxes = answered_boxes(scene)
+    names = {box["id"]: box["review"]["verdict"] for box in boxes}
+    assert len(names) == len(boxes), "boxes of several frames share their names"
     return names
 
 
 def answered_boxes(scene: Scene) -> list[dict[str, Any]]:
     """Every box that has an answer on the server."""
-    found = scenes.get(scene.http, f"/boxes?dataset={scene.dataset}&review=any")
-    items: list[dict[str, Any]] = found["items"]
+    page = scenes.get(scene.http, f"/boxes?dataset={scene.dataset}&review=any")
+    items: list[dict[str, Any]] = page["items"]
     return items
 
 

@@ -104,17 +104,17 @@ def put(
 def decide(http: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:
     """Start a run with this configuration, and wait until it is done."""
     body = {"config": config, "activate": True}
-    answer = http.post(f"/datasets/{dataset}/runs", json=body)
-    assert answer.status_code == 202, answer.text
-    path = f"/runs/{answer.json()['id']}"
+    response = http.post(f"/datasets/{dataset}/runs", json=body)
+    assert response.status_code == 202, response.text
+    path = f"/runs/{response.json()['id']}"
     until(lambda: get(http, path)["state"] == "done", lambda: get(http, path))
 
 
 def get(http: httpx.Client, path: str) -> dict[str, Any]:
-    answer = http.get(path)
-    assert answer.status_code == 200, answer.text
-    found: dict[str, Any] = answer.json()
-    return found
+    response = http.get(path)
+    assert response.status_code == 200, response.text
+    body: dict[str, Any] = response.json()
+    return body
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class Scene:
 
     def box_id(self, name: str) -> int:
         """The server's id of a box, by the sender's id."""
-        found: int = self._box(name)["box_id"]
-        return found
+        box_id: int = self._box(name)["box_id"]
+        return box_id
 
     def review(self, name: str) -> Any:
         """The latest answer on a box that the server has stored; None without one."""
@@ -141,8 +141,8 @@ class Scene:
 
     def link(self, name: str = "", **query: str) -> str:
         """The address of the frame, with the box `name` selected if it is given."""
-        wanted = {**({"box": str(self.box_id(name))} if name else {}), **query}
-        search = "&".join(f"{key}={value}" for key, value in wanted.items())
+        parameters = {**({"box": str(self.box_id(name))} if name else {}), **query}
+        search = "&".join(f"{key}={value}" for key, value in parameters.items())
         return f"#/frames/{self.frame['id']}{'?' if search else ''}{search}"
 
     def decide(self, **config: object) -> None:

@@ -28,8 +28,8 @@ def car_at(share: int, index: int) -> dict[str, Any]:
 
 def applied_config(scene: Scene) -> dict[str, Any]:
     """The active configuration of the dataset."""
-    answer = scene.http.get(f"/datasets/{scene.dataset}/config")
-    config: dict[str, Any] = answer.json()["config"]
+    response = scene.http.get(f"/datasets/{scene.dataset}/config")
+    config: dict[str, Any] = response.json()["config"]
     return config
 
 
