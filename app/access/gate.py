@@ -45,12 +45,8 @@ class TokenGate:
     async def identify(self, request: Request) -> Principal:
         """The caller, by the secret in this request.
 
-        Raises
-        ------
-        Unauthorised
-            There is no secret, or it is not valid.
-        Forbidden
-            Another web page uses a session of the review page for a write.
+        Raises Unauthorised: there is no secret, or it is not valid; Forbidden: another
+        web page uses a session of the review page for a write.
         """
         header = request.headers.get("authorization")
         if header is None:

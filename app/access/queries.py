@@ -6,8 +6,8 @@ from datetime import datetime
 from typing import Final, NamedTuple
 
 from sqlalchemy import Connection, bindparam, delete, func, or_, select, update
-from sqlalchemy.orm import Session
 
+from app.db.base import Repository
 from app.db.pages import NewestPage
 from app.db.tables.access import (
     AuditEntry,
@@ -21,11 +21,8 @@ from unghost.wire.words import Role
 _NEWEST: Final = 1000
 
 
-class AuditRepository:
+class AuditRepository(Repository):
     """The audit log of one database session."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def add(self, entry: AuditEntry) -> None:
         """Insert."""
@@ -119,11 +116,8 @@ class TokenRow(NamedTuple):
     hash: str
 
 
-class Tokens:
+class Tokens(Repository):
     """Tokens and sessions of one database session."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def valid_by_hash(self, digest: str, now: datetime) -> TokenRow | None:
         """The token with this hash, unless it is revoked or has expired."""

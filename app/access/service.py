@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.queries import TokenEnd, Tokens, end_of, is_valid
-from app.db.base import rfc3339, utc_now
+from app.db.base import existing, rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
 from app.security import (
@@ -57,11 +57,8 @@ def by_secret(session: Session, secret: str) -> Principal:
 def by_token(session: Session, token: str) -> Principal:
     """The caller with this token.
 
-    Raises
-    ------
-    Unauthorised
-        It is unknown, revoked or expired. The error tells the last two apart: only
-        somebody who has the token can see them.
+    Raises Unauthorised: it is unknown, revoked or expired. The error tells the last two
+    apart: only somebody who has the token can see them.
     """
     if not token:
         raise Unauthorised(_NO_ENTRY)
@@ -91,12 +88,8 @@ def require_valid(connection: Connection, principal: Principal) -> None:
     """Check in the transaction of a write that its caller is still valid.
 
     A caller is identified when the head of a request arrives. Its body may take much
-    longer, and the token may be revoked meanwhile.
-
-    Raises
-    ------
-    Unauthorised
-        The token or the session has ended since.
+    longer, and the token may be revoked meanwhile. Raises Unauthorised: the token or
+    the session has ended since.
     """
     now, token_id = utc_now(), principal.token_id
     if not is_valid(connection, token_id, principal.session_hash, now):
@@ -139,12 +132,8 @@ def issue(
 ) -> tuple[Token, str]:
     """A new token and its secret, of which only the hash is stored.
 
-    Raises
-    ------
-    Conflict
-        The name is taken, even if by a revoked token: reviews refer to it.
-    Unprocessable
-        It would have expired already.
+    Raises Conflict: the name is taken, even if by a revoked token: reviews refer to it;
+    Unprocessable: it would have expired already.
     """
     if expires_at is not None and expires_at <= utc_now():
         raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
@@ -164,15 +153,11 @@ def issue(
 def revoke(audit: AuditTrail, token_id: int) -> None:
     """Revoke a token, and end the sessions that it opened.
 
-    Raises
-    ------
-    Conflict
-        It is the last valid token of an admin: nobody could make tokens afterwards.
+    Raises Conflict: it is the last valid token of an admin: nobody could make tokens
+    afterwards.
     """
     tokens = Tokens(audit.session)
-    token = tokens.by_id(token_id)
-    if token is None:
-        raise NotFound("token", token_id)
+    token = existing(tokens.by_id(token_id), "token", token_id)
     now = utc_now()
     if tokens.valid_ids("admin", now) == [token_id]:
         raise Conflict(f"token {token.name!r} is the last one of an admin")
@@ -184,10 +169,8 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
 def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
     """A login code of this token, or of the actor's, and its secret.
 
-    Raises
-    ------
-    Forbidden
-        The actor has a session: the session that the code opens would not end with it.
+    Raises Forbidden: the actor has a session: the session that the code opens would not
+    end with it.
     """
     if audit.actor is not None and audit.actor.session_hash:
         raise Forbidden("a login code needs the token itself: a session makes none")
@@ -226,10 +209,8 @@ def use_code(session: Session, code_id: int) -> None:
 def by_code(session: Session, secret: str) -> tuple[Principal, int]:
     """The caller that a login code logs in, and the code's id.
 
-    Raises
-    ------
-    Unauthorised
-        The code is unknown, used or expired, or its token is no longer valid.
+    Raises Unauthorised: the code is unknown, used or expired, or its token is no longer
+    valid.
     """
     digest, now = hash_secret(secret), utc_now()
     tokens = Tokens(session)
@@ -307,22 +288,10 @@ def _code_is_over() -> Unauthorised:
 def require_own(by: Principal, answers: Mapping[str, int], action: str) -> int:
     """Allow an action that removes answers to their author, and to admins.
 
-    Parameters
-    ----------
-    answers : mapping of str to int
-        How many answers would be deleted, undone or left behind, by reviewer.
-    action : str
-        The requested action, with which the message begins: ``deleting frame 'a/1'``.
-
-    Returns
-    -------
-    int
-        How many of these answers are other people's.
-
-    Raises
-    ------
-    Forbidden
-        Some are other people's, and the caller is not an admin.
+    `answers` says how many would be deleted, undone or left behind, by reviewer, and
+    `action`, with which the message begins, what is requested: ``deleting frame
+    'a/1'``. Returns how many of these answers are other people's. Raises Forbidden:
+    some are, and the caller is not an admin.
     """
     others = {name: number for name, number in answers.items() if name != by.name}
     number = sum(others.values())

@@ -41,6 +41,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.filter import TallyKey
 from app.boxes.queries import FrameRepository
+from app.db.base import Repository
 from app.db.bulk import (
     Written,
     chunks,
@@ -289,11 +290,8 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     )
 
 
-class DecisionRepository:
+class DecisionRepository(Repository):
     """Rows of `decisions`, read."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def per_frame(self, frame_ids: Sequence[int]) -> dict[int, dict[TallyKey, int]]:
         """The tallies of each frame: how many of its boxes share the same values."""
@@ -313,11 +311,8 @@ class DecisionRepository:
         return [(box_id, str(answer)) for box_id, answer in answers]
 
 
-class TallyRepository:
+class TallyRepository(Repository):
     """Rows of `tallies`, read."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def of_dataset(self, dataset_id: int) -> dict[TallyKey, int]:
         """All tallies of a dataset that are not zero."""

@@ -55,18 +55,12 @@ _HALVED: Final = 2
 
 @dataclass(frozen=True)
 class Layer:
-    """The background of a picture, and the files that it is made from.
+    """The background of a picture, and the files that it is made from, as sent.
 
-    Attributes
-    ----------
-    name : ``image``, ``segmentation`` in its palette's colours, ``blend`` of both,
-        ``depth`` from near (warm) to far (cold), or ``instances``, each in a colour
-    image, segmentation : bytes or None
-        The files as they were sent. Without an image, the background is grey.
-    reading : SegmentationOptions or None
-        How the segmentation was read when it was measured.
-    measured : bytes or None
-        The depth or instance image, if that is the layer.
+    It is the ``image`` (grey if there is none), the ``segmentation`` in its palette's
+    colours, the ``blend`` of both, the ``depth`` from near (warm) to far (cold), or the
+    ``instances``, each in a colour. `reading` is how the segmentation was read when it
+    was measured; `measured` the depth or instance image, if that is the layer.
     """
 
     name: LayerName
@@ -222,15 +216,9 @@ _LOOKED_THROUGH: Final = "00"
 class Drawing:
     """A picture to be drawn: its content is known, its files are not read yet.
 
-    Attributes
-    ----------
-    tag : str
-        Identifies the picture by all its inputs.
-    media_type : str
-    draw : function of a PixelPool and the event that `PixelPool.run` takes
-        Reads the files and returns the encoded picture.
-    is_lasting : bool
-        Whether it is kept in the data folder: a picture without verdicts, which change.
+    `tag` identifies it by all its inputs. `draw` reads the files and returns the
+    encoded picture; it takes the event of `PixelPool.run`. A picture without verdicts,
+    which change, `is_lasting`: it is kept in the data folder.
     """
 
     tag: str

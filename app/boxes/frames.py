@@ -41,7 +41,7 @@ from app.boxes.reader import DecisionReader, StoredDecision, read_box
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import ProblemRepository
 from app.context import ServiceContext
-from app.db.base import filled
+from app.db.base import existing, filled
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
@@ -375,8 +375,7 @@ def crop_of(
     _, boxes = read_box(session, box_id)
     pictures = frame_pictures(storage, session, boxes.rows.frame_ids[0])
     (xyxy,) = boxes.rectangles()
-    if xyxy is None:
-        raise NotFound("rectangle in the image of box", box_id)
+    xyxy = existing(xyxy, "rectangle in the image of box", box_id)
     return pictures.crop(xyxy, wanted)
 
 
@@ -388,8 +387,7 @@ def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSli
     """
     _, boxes = read_box(session, box_id)
     (xyxy,) = boxes.rectangles()
-    if xyxy is None:
-        raise NotFound("rectangle in the image of box", box_id)
+    xyxy = existing(xyxy, "rectangle in the image of box", box_id)
     frame_id = boxes.rows.frame_ids[0]
     frame = FrameRepository(session).with_id(frame_id, annotation=True)
     content = context.storage.read(frame_file(session, frame_id, "depth").sha256)

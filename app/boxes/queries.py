@@ -28,12 +28,12 @@ from sqlalchemy import (
     type_coerce,
     update,
 )
-from sqlalchemy.orm import Session, undefer
+from sqlalchemy.orm import undefer
 
 from app.boxes.filter import BoxFilter
 from app.catalog.datasets import is_deleted
 from app.catalog.frames import current_in, only_in
-from app.db.base import utc_now
+from app.db.base import Repository, existing, utc_now
 from app.db.bulk import (
     chunks,
     insert_columns,
@@ -201,19 +201,13 @@ class FramePlace(NamedTuple):
     boxes: int
 
 
-class FrameRepository:
+class FrameRepository(Repository):
     """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def current(self, dataset_id: int, key: str) -> Frame:
         """The newest revision under a key; raises NotFound."""
         rows = select(Frame).where(*current_in(dataset_id), Frame.key == key)
-        frame = self._session.scalar(rows)
-        if frame is None:
-            raise NotFound("frame", key)
-        return frame
+        return existing(self._session.scalar(rows), "frame", key)
 
     def with_id(self, frame_id: int, *, annotation: bool = False) -> Frame:
         """A frame, with its annotation on request; raises NotFound."""
@@ -496,10 +490,7 @@ class FrameRepository:
 
     def box(self, box_id: int) -> Box:
         """A box; raises NotFound."""
-        box = self._session.get(Box, box_id)
-        if box is None:
-            raise NotFound("box", box_id)
-        return box
+        return existing(self._session.get(Box, box_id), "box", box_id)
 
 
 @lru_cache
@@ -522,11 +513,8 @@ class LatestReview(NamedTuple):
     looked_ms: int | None
 
 
-class LatestAnswers:
+class LatestAnswers(Repository):
     """Reads the latest answers on boxes; only `app.review` writes answers."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def of(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The latest answer on each box that has one."""
@@ -591,11 +579,8 @@ BANDS_M: Final = (50, 100, 150, 200)
 """Ends of the bands of distance of a report."""
 
 
-class GhostRepository:
+class GhostRepository(Repository):
     """SQL about where the ghosts of a dataset are."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def by_place(
         self, dataset_id: int

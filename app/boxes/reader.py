@@ -230,14 +230,9 @@ def table_of_boxes(
 ) -> tuple[dict[str, Sequence[object]], int, str | None]:
     """Boxes of the frames after the one whose id is the cursor, as columns.
 
-    Returns
-    -------
-    columns : dict
-        Plain values in the order of `BOX_COLUMNS`, for up to `limit` boxes, or those of
-        one frame.
-    rows : int
-    cursor : str or None
-        The id of the last frame; None if there are no more.
+    Returns the columns, plain values in the order of `BOX_COLUMNS`, of up to `limit`
+    boxes, or those of one frame; how many these are; and as the next cursor the id of
+    the last frame, None if there are no more.
     """
     repository = FrameRepository(session)
     after = 0 if page.cursor is None else id_of_cursor(page.cursor)
@@ -438,14 +433,9 @@ class ExplainingBox(NamedTuple):
 class StoredBoxes:
     """N different boxes of one dataset as columns, each computed on first use.
 
-    Attributes
-    ----------
-    rows : CurrentBoxes
-    frames : mapping of frame ids to EvidenceRow
-        The packed numbers of their frames, and perhaps of frames without boxes here.
-    config : FilterConfig
-        The configuration that decides them.
-    classes : mapping of the dataset's classes to the database's ids
+    `frames` has the packed numbers of their frames by id, and perhaps of frames without
+    boxes here; `classes` the database's ids of the dataset's classes. They are decided
+    by `config`.
     """
 
     rows: CurrentBoxes

@@ -118,10 +118,7 @@ async def _drawn(
 ) -> bytes | None:
     """The picture itself; None if the client has disconnected.
 
-    Raises
-    ------
-    NotReady
-        The service is stopping.
+    Raises NotReady: the service is stopping.
     """
     cancelled = threading.Event()
     drawn = asyncio.ensure_future(_draw(request, services, drawing, cancelled))
@@ -207,11 +204,7 @@ def get_table(
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
     columns, rows, cursor = boxes.table_of_boxes(
-        session,
-        reader,
-        wanted,
-        names,
-        PageRequest("id", query.cursor, query.limit),
+        session, reader, wanted, names, PageRequest("id", query.cursor, query.limit)
     )
     table = {"columns": columns, "rows": rows, "next_cursor": cursor}
     return page_with_link(request, table, cursor)
@@ -220,10 +213,7 @@ def get_table(
 def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
     """The names of a parameter `fields`, in their order, each once.
 
-    Raises
-    ------
-    BadRequest
-        ``unknown_field``: one is not known; the error names the nearest.
+    Raises BadRequest: ``unknown_field``: one is not known; the error names the nearest.
     """
     names = tuple(dict.fromkeys(name.strip() for name in fields.split(",")))
     for name in names:

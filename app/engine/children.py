@@ -94,20 +94,10 @@ class Subject(NamedTuple):
 class PixelPool:
     """A pool of child processes, each of which executes one call at a time.
 
-    Children are started on first use. All methods are thread-safe.
-
-    Parameters
-    ----------
-    children : int
-        The maximum number of processes.
-    seconds : float
-        Wall time that one call may take.
-    memory_bytes : int
-        Address space that a child may use in addition to that of its program.
-    preload : names of modules
-        Imported once for all children, where the system can fork.
-    subject : Subject
-        What the pool reads, for error messages.
+    At most `children` are started, on first use. A call may take `seconds` of wall
+    time, and a child `memory_bytes` of address space in addition to that of its
+    program. The modules of `preload` are imported once for all children, where the
+    system can fork. All methods are thread-safe.
     """
 
     def __init__(
@@ -141,23 +131,13 @@ class PixelPool:
     ) -> _Result:
         """Call a function in the next free child, and wait for the result.
 
-        Parameters
-        ----------
-        work : a function at the top of a module
-            It, `args` and the result are pickled.
-        cancelled : threading.Event, optional
-            Set by the caller to cancel: a running child is killed, none is started.
+        `work` is a function at the top of a module; it, `args` and the result are
+        pickled. If the caller sets `cancelled`, a running child is killed, and none is
+        started.
 
-        Raises
-        ------
-        FilterError
-            As `work` raised it.
-        PixelsRefused
-            It took too much time or memory, or crashed two children.
-        CallCancelled
-            `cancelled` was set first, or the pool was closed.
-        ChildFailed
-            `work` raised any other exception.
+        Raises FilterError: as `work` raised it; PixelsRefused: it took too much time or
+        memory, or crashed two children; CallCancelled: `cancelled` was set first, or
+        the pool was closed; ChildFailed: `work` raised any other exception.
         """
         message = pickle.dumps((work, args), pickle.HIGHEST_PROTOCOL)
         try:

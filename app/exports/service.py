@@ -13,6 +13,7 @@ from app.boxes.queries import FrameRepository
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db import tables
+from app.db.base import response_of
 from app.db.tables import Chunk, Dataset
 from app.errors import Conflict, TryLater
 from app.exports.queries import VersionRepository
@@ -159,15 +160,13 @@ def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
 def describe_export(export: tables.Export, dataset: str) -> wire.Export:
     """An export as responses show it."""
     has_file = export.state == "done" and export.sha256 is not None
-    same = wire.Export.model_fields.keys() - {"dataset", "options", "download"}
-    return wire.Export.model_validate(
-        {
-            **{name: getattr(export, name) for name in same},
-            "dataset": dataset,
-            # Validated on creation, perhaps by an earlier version: read leniently.
-            "options": wire.ExportOptions.read(export.options),
-            "download": f"/api/v1/exports/{export.id}/download" if has_file else None,
-        }
+    return response_of(
+        wire.Export,
+        export,
+        dataset=dataset,
+        # Validated on creation, perhaps by an earlier version: read leniently.
+        options=wire.ExportOptions.read(export.options),
+        download=f"/api/v1/exports/{export.id}/download" if has_file else None,
     )
 
 

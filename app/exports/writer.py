@@ -180,16 +180,10 @@ def unpack_state(version: Export) -> dict[str, str]:
 class ExportFrames:
     """Iterates over all current frames in order of key, and reads only what is needed.
 
-    `needs` are the parts of a frame that the format uses; child processes draw.
-
-    Attributes
-    ----------
-    known : mapping of str to str
-        Digests of frames by their keys: a frame that still has its digest is left out.
-    digests : dict of str to str
-        The digests of all frames so far: of their files, boxes, decisions and answers.
-    boxes : int
-        How many boxes these have, also those of frames that were left out.
+    `needs` are the parts of a frame that the format uses; child processes draw. A frame
+    that still has its digest in `known`, by its key, is left out. `digests` are those
+    of all frames so far: of their files, boxes, decisions and answers; `boxes` counts
+    the boxes of these, also of frames that were left out.
     """
 
     def __init__(

@@ -72,15 +72,9 @@ class Gate(Protocol):
 async def authorise(request: Request, needed: Role) -> Principal:
     """Identify the caller and check its role.
 
-    `app.http.routing` calls this for every route that needs a token, before the body
-    is read.
-
-    Raises
-    ------
-    Unauthorised
-        There is no valid token or session.
-    Forbidden
-        The role does not suffice, or another web page sent the request.
+    `app.http.routing` calls this for every route that needs a token, before the body is
+    read. Raises Unauthorised: there is no valid token or session; Forbidden: the role
+    does not suffice, or another web page sent the request.
     """
     gate: Gate = request.app.state.gate
     principal = await gate.identify(request)
@@ -119,12 +113,7 @@ def require_room_to_write(services: ServiceContext, session: Session) -> None:
     """Refuse to store what a request has sent if the disk is too full.
 
     This begins the transaction: of several such requests, each sees the disk as the one
-    before has left it.
-
-    Raises
-    ------
-    StorageFull
-        Fewer than `min_free_bytes` are free.
+    before has left it. Raises StorageFull: fewer than `min_free_bytes` are free.
     """
     session.connection()
     require_room(services.settings, services.storage)
@@ -135,12 +124,8 @@ def require_room_to_answer(services: ServiceContext, session: Session) -> None:
 
     The transaction begins first. A request that repeats an idempotency key gets its
     stored response there, which needs no room. With PostgreSQL nothing is refused:
-    answers are on its disk.
-
-    Raises
-    ------
-    StorageFull
-        Less than a quarter of `min_free_bytes` is free.
+    answers are on its disk. Raises StorageFull: less than a quarter of `min_free_bytes`
+    is free.
     """
     session.connection()
     file = services.database.file

@@ -213,10 +213,7 @@ class ApiRoute(OpenRoute):
     def role(self) -> Role:
         """The role that the signature of the endpoint names.
 
-        Raises
-        ------
-        TypeError
-            It names none, or several; the service does not start then.
+        Raises TypeError: it names none, or several; the service does not start then.
         """
         roles = {ROLE_OF[call] for call in _calls(self.dependant) if call in ROLE_OF}
         if len(roles) != 1:
@@ -271,12 +268,8 @@ async def _call_in_turn(
 
     Until then the request waits without a thread, so that no token uses all threads, or
     delays the writes of all others. If the client disconnects meanwhile, the endpoint
-    is not called.
-
-    Raises
-    ------
-    DatabaseBusy
-        There was no free place within `wait_s` seconds; None waits without end.
+    is not called. Raises DatabaseBusy: there was no free place within `wait_s` seconds;
+    None waits without end.
     """
     own = places.of(request.state.principal.token_id)
     has_to_wait = own.available_tokens < 1

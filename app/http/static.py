@@ -64,10 +64,8 @@ class PageFile:
 def page_file(folder: Path, name: str) -> PageFile:
     """A file below the folder, all style sheets of the page (`STYLES`), or a pack.
 
-    Raises
-    ------
-    NotFound
-        There is no such file, its type is unknown, or it is outside of the folder.
+    Raises NotFound: there is no such file, its type is unknown, or it is outside of the
+    folder.
     """
     if name == STYLES:
         return _styles(folder)

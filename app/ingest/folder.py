@@ -106,16 +106,9 @@ class SentFolder:
     """A temporary folder with the files that are being received.
 
     A file that cannot be written there is listed in `refused`; the others are kept.
-    `absent` are the images that were not sent whole.
-
-    Parameters
-    ----------
-    parent : Path
-        Where to create it.
-    most_files : int
-        Maximum number of files and folders together.
-    most_file_bytes : int
-        Maximum size of one file, the same as for reading the archive.
+    `absent` are the images that were not sent whole. `most_files` limits the number of
+    files and folders together, and `most_file_bytes` the size of a file, as when the
+    archive is read.
     """
 
     def __init__(self, parent: Path, most_files: int, most_file_bytes: int) -> None:
@@ -132,13 +125,7 @@ class SentFolder:
         self._files = 0
 
     def add(self, member: Member) -> None:
-        """Write a file.
-
-        Raises
-        ------
-        TooLarge
-            There are more files and folders than allowed.
-        """
+        """Write a file; TooLarge if there are more files and folders than allowed."""
         why = _why_not(member.name, self.root)
         if why is None and member.content is None:
             why = f"larger than {self._most_file_bytes} bytes"
@@ -219,22 +206,11 @@ def _why_not(name: str, root: Path) -> str | None:
 
 @dataclass(frozen=True)
 class FolderTask:
-    """The arguments of a child process that reads a folder.
+    """The arguments of a child process that reads the folder `root`.
 
-    Attributes
-    ----------
-    root : Path
-        The folder with the files.
-    response : Path
-        The file to write.
-    layout : str
-        One of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
-    refused : tuple of (str, str)
-        Files that are not in the folder, each with the reason.
-    absent : tuple of str
-        Images that were not sent whole.
-    most_bytes : int
-        Maximum size of the response.
+    `layout` is one of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
+    `refused` are files that are not in the folder, each with the reason, and `absent`
+    images that were not sent whole. The file `response` gets at most `most_bytes`.
     """
 
     root: Path
@@ -248,17 +224,9 @@ class FolderTask:
 def write_response(task: FolderTask) -> int:
     """Read a folder, inspect it, and write the response, as lines of JSON.
 
-    A folder that cannot be read has no frames; its inspection says why.
-
-    Returns
-    -------
-    int
-        The size of the response in bytes.
-
-    Raises
-    ------
-    LayoutError
-        There is a fault in ``recording.yaml``, or the response would be too large.
+    A folder that cannot be read has no frames; its inspection says why. Returns the
+    size of the response in bytes. Raises LayoutError: there is a fault in
+    ``recording.yaml``, or the response would be too large.
     """
     source = _only_folder(task.root)
     # There are no links here, and `_name_of` refuses every file that was not sent: its

@@ -22,19 +22,8 @@ from app.http.middleware import BODY_ALLOWANCE
 from app.http.routing import ApiRouter, streamed_up_to
 from app.incoming import HeldBytes
 from app.ingest.batch import OpenBatches
-from app.ingest.folder import (
-    MOST_LONGER,
-    FolderTask,
-    SentFolder,
-    write_response,
-)
-from app.ingest.routes import (
-    ARCHIVE_BODY,
-    LINES,
-    expect_archive,
-    lines_of,
-    until_left,
-)
+from app.ingest.folder import MOST_LONGER, FolderTask, SentFolder, write_response
+from app.ingest.routes import ARCHIVE_BODY, LINES, expect_archive, lines_of, until_left
 from app.ingest.tar import TarLimits, TarStream
 from app.storage.room import require_room
 from filter_core.formats.recording import known_layouts

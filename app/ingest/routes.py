@@ -273,11 +273,7 @@ def described_body() -> dict[str, object]:
         "$ref": "#/components/schemas/Annotation",
         "description": "Boxes, camera and more, as JSON.",
     }
-    schema = {
-        "type": "object",
-        "properties": properties,
-        "required": [ANNOTATION],
-    }
+    schema = {"type": "object", "properties": properties, "required": [ANNOTATION]}
     encoding = {ANNOTATION: {"contentType": "application/json"}}
     content = {_MEDIA_TYPE: {"schema": schema, "encoding": encoding}}
     body = {"requestBody": {"required": True, "content": content}}
@@ -321,12 +317,8 @@ async def put_frame(
 async def until_left(request: Request) -> AsyncIterator[threading.Event]:
     """An event that is set when the client disconnects, so that work can be cancelled.
 
-    Raises
-    ------
-    ClientDisconnect
-        The work was cancelled (`CallCancelled`), as the client has left.
-    NotReady
-        The work was cancelled, as the service stops.
+    Raises ClientDisconnect: the work was cancelled (`CallCancelled`), as the client has
+    left; NotReady: the work was cancelled, as the service stops.
     """
 
     async def watch() -> None:

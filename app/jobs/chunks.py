@@ -14,9 +14,8 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from sqlalchemy import ColumnElement, delete, func, select, update
-from sqlalchemy.orm import Session
 
-from app.db.base import utc_now
+from app.db.base import Repository, utc_now
 from app.db.bulk import insert_into, insert_rows
 from app.db.tables import Chunk
 from app.engine.chunk import Job
@@ -33,11 +32,8 @@ class PlannedChunk(NamedTuple):
     frames: int
 
 
-class ChunkRepository:
+class ChunkRepository(Repository):
     """Rows of `chunks`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def plan(self, job: Job, planned: Iterable[PlannedChunk]) -> list[int]:
         """Add chunks to a job; returns their numbers."""

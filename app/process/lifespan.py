@@ -106,10 +106,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
 def attached(settings: Settings) -> Iterator[ServiceContext]:
     """Open the resources of a running service, for a worker; migrates nothing.
 
-    Raises
-    ------
-    CannotMaintain
-        The database is missing, or its schema has another version.
+    Raises CannotMaintain: the database is missing, or its schema has another version.
     """
     register_kinds()
     with usable_store(settings):

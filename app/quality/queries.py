@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, select
-from sqlalchemy.orm import Session
 
 from app.boxes.filter import BoxProbes
 from app.catalog.datasets import DatasetRepository
+from app.db.base import Repository
 from app.db.tables import Decision, Review, ReviewBatch
 from app.verdicts import REVIEW_STATES
 
@@ -41,11 +41,8 @@ class StoredAnswer(NamedTuple):
     undoes: int | None
 
 
-class AnswerRepository:
+class AnswerRepository(Repository):
     """Reads `reviews` together with `decisions`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def answered(self, dataset_id: int) -> list[AnsweredBox]:
         """Boxes with an answer that was not cleared, and the latest of each."""

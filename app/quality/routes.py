@@ -9,7 +9,7 @@ from fastapi import Query, Response
 from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.catalog.datasets import DatasetRepository
-from app.errors import NotFound
+from app.db.base import existing
 from app.http.deps import (
     AppServices,
     DatasetName,
@@ -86,8 +86,7 @@ def get_experiment(
 ) -> Experiment:
     """The report that is kept with the dataset; 404 if there is none."""
     report = DatasetRepository(session).named(dataset).experiment
-    if report is None:
-        raise NotFound("experiment of dataset", dataset)
+    existing(report, "experiment of dataset", dataset)
     return Experiment.model_validate(report)
 
 

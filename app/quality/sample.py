@@ -52,12 +52,9 @@ _IN_IMAGE: Final = np.array([False, *(reason.in_image for reason in Reason)])
 class RandomSample:
     """Boxes that the filter decided and people can judge, C classes of them.
 
-    Attributes
-    ----------
-    table : (C, bands, 2, 3, 4) int64
-        Boxes by class, band of distance, verdict, `Part` and `Said`.
-    reach : (C,) float64
-        The part of the random order that people have come to, 0..1.
+    `table` (C, bands, 2, 3, 4) int64 counts them by class, band of distance, verdict,
+    `Part` and `Said`. `reach` (C,) float64 is the part of the random order that people
+    have come to, 0..1.
     """
 
     table: IntArray
@@ -149,12 +146,8 @@ def _walk(
 ) -> tuple[FloatArray, IntArray]:
     """How far people have come in the random order, for each class, and since when.
 
-    Returns
-    -------
-    reach : (C,) float64
-        The greatest place; 0 for classes that nobody has answered in this order.
-    begun : (C,) int64
-        The id of the first answer in this order; `MAX_ID` if there is none.
+    The greatest place, (C,) float64: 0 for classes that nobody has answered in this
+    order. The id of the first answer in it, (C,) int64: `MAX_ID` if there is none.
     """
     class_ids = list(DatasetRepository(session).classes(dataset.id).values())
     reach, begun = np.zeros(len(class_ids)), np.full(len(class_ids), MAX_ID)

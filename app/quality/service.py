@@ -87,15 +87,9 @@ def _with_truth(
 ) -> Iterator[tuple[DatasetColumns, IntArray, BoolArray]]:
     """The parts of a dataset, each with its boxes whose truth is known.
 
-    Yields
-    ------
-    numbers : DatasetColumns
-        Of all boxes of the part.
-    rows : (N,) int64
-        Of the boxes whose truth is known.
-    visible : (N,) bool
-        Whether the object is visible: by its instance, or by the latest answer of a
-        person.
+    Of each: all its boxes, the rows of those whose truth is known, (N,) int64, and
+    whether their object is visible, (N,) bool: by its instance, or by the latest answer
+    of a person.
     """
     known = KnownTruth.of(session, dataset, truth)
     measurement = active_measurement(session, dataset)

@@ -109,7 +109,7 @@ def create_review(
     most = services.settings.max_answers_per_box
     review = review_box(audit, box_id, body, caller, most=most)
     status = 200 if review.revision == body.seen_revision else 201
-    return commit_and_respond(audit.session, _json(review.model_dump_json(), status))
+    return commit_and_respond(audit.session, json_response(review, status))
 
 
 @router.post(
@@ -129,7 +129,7 @@ def undo_review(
     require_room_to_answer(services, audit.session)
     most = services.settings.max_answers_per_box
     review = undo_answer(audit, box_id, revision, caller, most=most)
-    return commit_and_respond(audit.session, _json(review.model_dump_json(), 201))
+    return commit_and_respond(audit.session, json_response(review, 201))
 
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
@@ -142,7 +142,7 @@ def create_bulk_review(
     stored again, and `count` is 0. Only admins may clear answers of others.
     """
     batch = review_many(services, audit, body, caller)
-    response = _json(batch.model_dump_json(), 201)
+    response = json_response(batch, 201)
     response.headers["Location"] = f"/api/v1/review-batches/{batch.id}"
     return commit_and_respond(audit.session, response)
 
@@ -156,7 +156,7 @@ def undo_bulk_review(
     Only admins may undo batches of others.
     """
     undone = undo_batch(services, audit, batch_id, caller)
-    return commit_and_respond(audit.session, _json(undone.model_dump_json()))
+    return commit_and_respond(audit.session, json_response(undone))
 
 
 @router.post("/datasets/{dataset}/reviews/import", response_model=ImportedAnswers)
@@ -174,8 +174,4 @@ def import_reviews(
     require_room_to_answer(services, audit.session)
     found = DatasetRepository(audit.session).named(dataset)
     outcome = import_answers(audit, found, body)
-    return commit_and_respond(audit.session, _json(outcome.model_dump_json()))
-
-
-def _json(content: str, status: int = 200) -> Response:
-    return Response(content, status, media_type="application/json")
+    return commit_and_respond(audit.session, json_response(outcome))

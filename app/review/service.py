@@ -31,10 +31,10 @@ from app.access.service import require_own
 from app.boxes.queries import LatestAnswers
 from app.boxes.reader import describe_box
 from app.catalog.datasets import DatasetRepository
-from app.db.base import utc_now
+from app.db.base import existing, utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset
-from app.errors import Conflict, NotFound, StaleReview
+from app.errors import Conflict, StaleReview
 from app.metrics import REVIEWS
 from app.review.queries import (
     CurrentBox,
@@ -61,18 +61,10 @@ def review_box(
 
     An answer that repeats the person's own latest one is not stored again: that one is
     returned, with the seen revision. If answers of others are cleared, this is noted in
-    the audit log.
-
-    Raises
-    ------
-    NotFound
-        The box does not exist, or its frame was replaced or deleted.
-    StaleReview
-        The box was answered since the person saw it; contains its current decision.
-    Forbidden
-        It clears answers of others, and the caller is not an admin.
-    Conflict
-        ``too_many_answers``, see `require_place`.
+    the audit log. Raises NotFound: the box does not exist, or its frame was replaced or
+    deleted; StaleReview: the box was answered since the person saw it; contains its
+    current decision; Forbidden: it clears answers of others, and the caller is not an
+    admin; Conflict: ``too_many_answers``, see `require_place`.
     """
     session, of_others = audit.session, 0
     reviews = ReviewRepository(session)
@@ -126,9 +118,9 @@ def undo_answer(
     session = audit.session
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
-    undone = reviews.at(box_id, revision)
-    if undone is None:
-        raise NotFound(f"answer on box {box_id} with revision", revision)
+    undone = existing(
+        reviews.at(box_id, revision), f"answer on box {box_id} with revision", revision
+    )
     what = f"answer {revision} on box {box_id}"
     of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
     require_place(reviews, [SeenBoxes([box_id], box.revision)], by.name, most)

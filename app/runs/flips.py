@@ -95,13 +95,7 @@ _KINDS: Final[tuple[EvidenceName, ...]] = ("semantic", *CHANNELS)
 
 
 class FlipTable:
-    """Counts boxes by class, reason before and reason after.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The classes that are counted.
-    """
+    """Counts boxes of the classes `names` by class, reason before and reason after."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -116,18 +110,9 @@ class FlipTable:
     ) -> IntArray:
         """Count boxes, and find those whose verdicts differ.
 
-        Parameters
-        ----------
-        evidence : Evidence of N boxes
-        before, after : (M,) uint8
-            Reasons of the boxes in `rows`.
-        rows : (M,) int, or None
-            None for all of them, in order.
-
-        Returns
-        -------
-        int array
-            Indexes into `before` and `after`, ascending.
+        `before` and `after` (M,) are the reasons of the boxes in `rows` (M,) of the
+        evidence; None for all of them, in order. Returns indexes into `before` and
+        `after`, ascending.
         """
         # Two bytes per box and single passes: previews are made while a slider moves.
         changes = before * np.uint16(_REASONS) + after

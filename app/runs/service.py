@@ -17,7 +17,7 @@ from app.boxes.queries import FrameRepository
 from app.catalog.configs import ConfigRepository
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
-from app.db.base import filled, utc_now
+from app.db.base import filled, response_of, utc_now
 from app.db.tables import Chunk, ConfigVersion, Dataset, Measurement, Run
 from app.errors import NotFound
 from app.jobs.chunks import PlannedChunk
@@ -144,15 +144,13 @@ def describe_run(
 ) -> wire.Run:
     """A run as responses show it."""
     reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
-    same = wire.Run.model_fields.keys() - {"dataset", "config", "done", "counts"}
-    return wire.Run.model_validate(
-        {
-            **{name: getattr(run, name) for name in same},
-            "dataset": dataset,
-            "config": digest,
-            "done": max(run.done, reported),
-            "counts": run.counts or {},
-        }
+    return response_of(
+        wire.Run,
+        run,
+        dataset=dataset,
+        config=digest,
+        done=max(run.done, reported),
+        counts=run.counts or {},
     )
 
 

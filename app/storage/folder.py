@@ -40,7 +40,7 @@ class FolderDrafts(Drafts):
 
 
 class FolderStorage:
-    """A store of blobs in a folder; safe for several processes that write."""
+    """A `BlobStore` in a folder."""
 
     def __init__(self, folder: Path, *, make: bool = True) -> None:
         self.folder = folder
@@ -64,10 +64,9 @@ class FolderStorage:
             file.write(b"ready?")
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
-        """Store blobs by their digests; when this returns, they are durable.
+        """As `BlobStore.put`. A blob that exists already is not written again.
 
-        A blob that exists already is not written again. Its folder is still flushed:
-        another writer may not have done that yet.
+        Its folder is still flushed: another writer may not have done that yet.
         """
         self.settle([self.draft(blobs)])
 
@@ -102,7 +101,6 @@ class FolderStorage:
             flush_folder(folder)
 
     def discard(self, many: Sequence[Drafts]) -> None:
-        """Delete drafts."""
         for draft, _ in _files(many):
             draft.unlink(missing_ok=True)
 
@@ -111,7 +109,6 @@ class FolderStorage:
         return self.folder / place_of(digest)
 
     def read(self, digest: str) -> bytes:
-        """A blob's bytes; DamagedFile if it is missing, or its digest is wrong."""
         try:
             content = self.path(digest).read_bytes()
         except FileNotFoundError as exc:
@@ -121,10 +118,6 @@ class FolderStorage:
         return content
 
     def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """A blob to read from; DamagedFile if it is missing or of another size.
-
-        Its content is not compared with the digest.
-        """
         path = self.path(digest)
         try:
             size = path.stat().st_size
@@ -141,18 +134,12 @@ class FolderStorage:
         return StoredBlob(size, part, path)
 
     def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """As `open`; DamagedFile also if the content does not have this digest."""
         blob = self.open(digest, size_bytes=size_bytes)
         if digest_of(self.path(digest)) != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
-        """Check that no blob was removed since it was put.
-
-        Raises TryLater if one is missing; if the client sends it again, it is put
-        again.
-        """
         if not all(self.path(digest).exists() for digest in digests):
             raise TryLater("a file was deleted meanwhile; send the frame again")
 
@@ -161,7 +148,6 @@ class FolderStorage:
         self.require(digests)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put the given blobs that are missing or stored with another size."""
         lost = {
             digest: data
             for digest, data in blobs.items()
@@ -171,7 +157,6 @@ class FolderStorage:
             self.put(lost)
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Remove blobs that were not put since a time; returns the removed sizes."""
         removed = {}
         for digest in digests:
             path = self.path(digest)
@@ -195,11 +180,9 @@ class FolderStorage:
         return name
 
     def files(self) -> Iterator[StoredFile]:
-        """All blobs, sub-folder by sub-folder."""
         return stored_files(self.folder)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
-        """Drafts and unfinished exports, each with the time of its last change."""
         return leftovers(self.folder)
 
     def temporary_folder(self) -> Path:

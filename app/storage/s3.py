@@ -68,10 +68,11 @@ class S3Drafts(Drafts):
 
 
 class S3Storage:
-    """A store of blobs in a bucket; keys are the same as paths in a folder."""
+    """A `BlobStore` in a bucket; keys are the same as paths in a folder."""
 
     def __init__(self, place: S3Place, local: Path) -> None:
-        self._store, self._probe = retrying_client(place), quick_client(place)
+        self._store = retrying_client(place)
+        self._probe = _opened(place, min(PROBE_S, place.timeout_s), 1)
         self._local = local
         self._patience_s = 2 * place.timeout_s
         self._recent = _RecentBlobs(place.trust_s)
@@ -136,7 +137,6 @@ class S3Storage:
             put.cancel()
 
     def read(self, digest: str) -> bytes:
-        """The bytes of a blob; DamagedFile if it is missing or its digest is wrong."""
         try:
             with translated(absent=True):
                 content = self._store.get(place_of(digest)).bytes().to_bytes()
@@ -147,7 +147,6 @@ class S3Storage:
         return content
 
     def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """A blob to read from; DamagedFile if it is missing or of another size."""
         file = self._find(digest)
         if file is None:
             raise self._missing(digest)
@@ -167,7 +166,6 @@ class S3Storage:
         return StoredBlob(file.size_bytes, part)
 
     def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """As `open`; DamagedFile also if the content does not have this digest."""
         if size_bytes is not None and size_bytes <= SMALL_BYTES:
             content = self.read(digest)
             if len(content) != size_bytes:
@@ -196,7 +194,6 @@ class S3Storage:
             self._recent.add(digest, begun)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put the given blobs that are missing or stored with another size."""
         found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
         sizes = {digest: file.size_bytes for digest, file in found if file}
         lost = {
@@ -361,11 +358,6 @@ class S3Place:
 def retrying_client(place: S3Place) -> S3Store:
     """A client that retries failed requests."""
     return _opened(place, place.timeout_s, MOST_RETRIES)
-
-
-def quick_client(place: S3Place) -> S3Store:
-    """A client with a short timeout, to check whether the store responds."""
-    return _opened(place, min(PROBE_S, place.timeout_s), 1)
 
 
 def _opened(place: S3Place, timeout_s: float, retries: int) -> S3Store:
