@@ -37,8 +37,7 @@ from app.http.middleware import (
 from app.http.static import content_security_policy, description_router, files_router
 from app.http.static import router as page_router
 from app.http.transaction import repeat_response
-from app.ingest.folder_routes import router as folders_router
-from app.ingest.routes import known_frames_router, upload_router
+from app.ingest.routes import folders_router, known_frames_router, upload_router
 from app.ingest.routes import router as batches_router
 from app.metrics import RequestMetrics
 from app.ops.readiness import Readiness

@@ -24,11 +24,6 @@ _NEWEST: Final = 1000
 class AuditRepository(Repository):
     """The audit log of one database session."""
 
-    def add(self, entry: AuditEntry) -> None:
-        """Insert."""
-        self._session.add(entry)
-        self._session.flush()
-
     def noted_since(self, token_id: int, action: str, since: datetime) -> int:
         """How many entries of a token about this action are younger than `since`.
 
@@ -49,11 +44,7 @@ class AuditRepository(Repository):
 
     def page(self, page: NewestPage) -> list[AuditEntry]:
         """Entries, newest first; one more than the limit if there is a next page."""
-        rows = select(AuditEntry)
-        if page.before_id is not None:
-            rows = rows.where(AuditEntry.id < page.before_id)
-        rows = rows.order_by(AuditEntry.id.desc()).limit(page.limit + 1)
-        return list(self._session.scalars(rows))
+        return list(self._session.scalars(page.of(select(AuditEntry), AuditEntry.id)))
 
 
 _VALID: Final = (
@@ -134,8 +125,7 @@ class Tokens(Repository):
         token = self.by_name(name)
         if token is None:
             token = Token(name=name, role=role, hash=digest)
-            self.add(token)
-            return token
+            return self.insert(token)
         self._end_all_of(token.id)
         token.hash, token.role = digest, role
         token.revoked_at = token.expires_at = None
@@ -152,41 +142,27 @@ class Tokens(Repository):
             .execution_options(synchronize_session=False)
         )
 
-    def add(self, token: Token) -> None:
-        """Store a new token."""
-        self._session.add(token)
-        self._session.flush()
-
     def by_id(self, token_id: int) -> Token | None:
         """The token, valid or not."""
         return self._session.get(Token, token_id)
 
     def by_hash(self, digest: str) -> Token | None:
         """The token with this hash, valid or not."""
-        statement = select(Token).where(Token.hash == digest).order_by(Token.id)
-        return self._session.scalars(statement).one_or_none()
+        return self._session.scalar(select(Token).where(Token.hash == digest))
 
     def by_session_hash(self, digest: str) -> Token | None:
         """The token that opened the session with this hash; either may be invalid."""
-        statement = (
-            select(Token)
-            .join(LoginSession, LoginSession.token_id == Token.id)
-            .where(LoginSession.hash == digest)
-            .order_by(Token.id)
-        )
-        return self._session.scalars(statement).one_or_none()
+        tokens = select(Token).join(LoginSession, LoginSession.token_id == Token.id)
+        return self._session.scalar(tokens.where(LoginSession.hash == digest))
 
     def by_name(self, name: str) -> Token | None:
         """The token of this name, valid or not."""
-        statement = select(Token).where(Token.name == name).order_by(Token.id)
-        return self._session.scalars(statement).one_or_none()
+        return self._session.scalar(select(Token).where(Token.name == name))
 
     def page(self, *, after_id: int, limit: int) -> list[Token]:
         """The next tokens by id."""
-        statement = (
-            select(Token).where(Token.id > after_id).order_by(Token.id).limit(limit)
-        )
-        return list(self._session.scalars(statement))
+        tokens = select(Token).where(Token.id > after_id).order_by(Token.id)
+        return list(self._session.scalars(tokens.limit(limit)))
 
     def valid_ids(self, role: Role, now: datetime) -> list[int]:
         """Tokens of a role that may be used."""
@@ -203,9 +179,7 @@ class Tokens(Repository):
 
     def open_session(self, opened: LoginSession, *, most: int) -> None:
         """Store a session that a token opened; only its `most` newest sessions stay."""
-        self._session.add(opened)
-        self._session.flush()
-        self._keep_newest(opened, most)
+        self._keep_newest(self.insert(opened), most)
 
     def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
         """When a token expires, or its session if that is earlier; None: never."""
@@ -227,9 +201,7 @@ class Tokens(Repository):
         table = type(row)
         ended = delete(table).where(table.expires_at <= row.created_at)
         self._session.execute(ended)
-        self._session.add(row)
-        self._session.flush()
-        self._keep_newest(row, most)
+        self._keep_newest(self.insert(row), most)
 
     def code(self, code_id: int) -> LoginCode | None:
         """The login code with this id, used or not."""
@@ -237,9 +209,7 @@ class Tokens(Repository):
 
     def code_by_hash(self, digest: str) -> LoginCode | None:
         """The login code with this hash, used or not."""
-        return self._session.scalars(
-            select(LoginCode).where(LoginCode.hash == digest).order_by(LoginCode.id)
-        ).one_or_none()
+        return self._session.scalar(select(LoginCode).where(LoginCode.hash == digest))
 
     def use_code(self, code_id: int, now: datetime) -> bool:
         """Mark a login code as used; False if it was used already or has expired."""
@@ -290,7 +260,6 @@ class Tokens(Repository):
         )
 
     def end_session(self, digest: str) -> None:
-        """Delete one session."""
         self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))
 
     def _end_all_of(self, token_id: int) -> None:
@@ -299,7 +268,6 @@ class Tokens(Repository):
             self._session.execute(delete(table).where(table.token_id == token_id))
 
     def end_expired_sessions(self, now: datetime) -> None:
-        """Delete expired sessions."""
         self._session.execute(
             delete(LoginSession).where(LoginSession.expires_at <= now)
         )

@@ -88,8 +88,8 @@ def get_session(caller: Viewer, session: ReadSession) -> Session:
 @session_router.delete("/session", status_code=204)
 def log_out(caller: Viewer, session: WriteSession, services: AppServices) -> Response:
     """End the session that the request is sent with; a token stays valid."""
-    access.log_out(session, caller)
     if caller.session_hash is not None:
+        Tokens(session).end_session(caller.session_hash)
         make_room(services, session)
     services.one(RecentCallers).forget_on_commit(session)
     return Response(status_code=204)

@@ -47,13 +47,6 @@ _UNKNOWN_SESSION: Final = (
 )
 
 
-def by_secret(session: Session, secret: str) -> Principal:
-    """The caller with this token or session; raises `Unauthorised` as `by_token`."""
-    if secret.startswith(SESSION_PREFIX):
-        return by_session(session, secret)
-    return by_token(session, secret)
-
-
 def by_token(session: Session, token: str) -> Principal:
     """The caller with this token.
 
@@ -116,12 +109,6 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     return secret
 
 
-def log_out(session: Session, principal: Principal) -> None:
-    """End the session of this browser; a bearer token has none."""
-    if principal.session_hash is not None:
-        Tokens(session).end_session(principal.session_hash)
-
-
 def expiry(session: Session, principal: Principal) -> datetime | None:
     """When the caller's token or session expires; None: never."""
     return Tokens(session).expiry(principal.token_id, principal.session_hash)
@@ -142,7 +129,7 @@ def issue(
         raise Conflict(f"a token named {name!r} exists already; it may be revoked")
     secret = new_secret(TOKEN_PREFIX)
     token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
-    tokens.add(token)
+    tokens.insert(token)
     until = None if expires_at is None else rfc3339(expires_at)
     audit.note(
         AuditAction.TOKEN_CREATED, name, token_id=token.id, role=role, expires_at=until
@@ -217,8 +204,9 @@ def by_code(session: Session, secret: str) -> tuple[Principal, int]:
     code = tokens.code_by_hash(digest)
     if code is None or code.used_at is not None or code.expires_at <= now:
         raise _code_is_over()
-    token = tokens.by_id(code.token_id)
-    if token is None or not same_hash(code.hash, digest) or not _is_valid(token, now):
+    token, connection = tokens.by_id(code.token_id), session.connection()
+    is_same = same_hash(code.hash, digest)
+    if token is None or not is_same or not is_valid(connection, token.id, None, now):
         raise _refused(token, now)
     return Principal(token.id, token.name, token.role), code.id
 
@@ -270,11 +258,6 @@ def _refused(
             code="token_expired",
         )
     return Unauthorised(unknown, code=otherwise)
-
-
-def _is_valid(token: Token, now: datetime) -> bool:
-    ended = token.expires_at is not None and token.expires_at <= now
-    return token.revoked_at is None and not ended
 
 
 def _code_is_over() -> Unauthorised:

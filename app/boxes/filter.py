@@ -326,14 +326,6 @@ def thresholds_in_sql(
     return found
 
 
-def reasons_with_threshold(thresholds: Iterable[ClassThresholds]) -> set[int]:
-    """The reasons of boxes that a threshold can have decided, as they are stored.
-
-    Of VISIBLE boxes, some may have been decided by a channel (see `ClassThresholds`).
-    """
-    return {int(side.reason) for wanted in thresholds for side in wanted.sides}
-
-
 class BoxProbes(Repository):
     """Queries for the boxes that a filter selects, and for ids of boxes."""
 

@@ -31,11 +31,9 @@ from app.boxes.filter import TallyKey
 from app.boxes.queries import (
     BANDS_M,
     FileRow,
-    FrameFilter,
     FrameRepository,
     GhostRepository,
     LatestAnswers,
-    PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
 from app.catalog.datasets import DatasetRepository
@@ -58,17 +56,6 @@ from filter_core.values import as_text
 from filter_core.verdicts import VERDICTS
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
 from unghost.wire.words import FileKind, LayerName
-
-
-def page_of_frames(
-    session: Session, wanted: FrameFilter, page: PageRequest
-) -> tuple[list[Frame], str | None]:
-    """Frames of one page, and the cursor of the next; sorted by ``key`` or ``id``."""
-    rows = FrameRepository(session).page(wanted, page)
-    if len(rows) <= page.limit:
-        return rows, None
-    last = rows[page.limit - 1]
-    return rows[: page.limit], last.key if page.sort.endswith("key") else str(last.id)
 
 
 def frame_summaries(
@@ -216,12 +203,6 @@ def frame_details(
     )
 
 
-def frame_id_of(session: Session, dataset: str, key: str) -> int:
-    """The id of the newest revision under a key; raises NotFound."""
-    dataset_id = DatasetRepository(session).named(dataset).id
-    return FrameRepository(session).current(dataset_id, key).id
-
-
 def frame_file(session: Session, frame_id: int, kind: FileKind) -> FileRow:
     """A file of a frame; NotFound if it has none of this kind."""
     FrameRepository(session).with_id(frame_id)
@@ -319,13 +300,11 @@ class FramePictures:
             raise NotFound("measured segmentation of frame", self.frame_id)
 
     def _read(self, layer: LayerName) -> Layer:
-        needed = {"image", "segmentation"}
+        needed: Sequence[str] = ("image", "segmentation")
         if layer == "segmentation" or layer in _OF_ONE_FILE:
-            needed = {layer}
+            needed = (layer,)
         elif layer == "image" and "image" in self.files:
-            needed = {"image"}
-        else:
-            needed = {"image", "segmentation"}
+            needed = ("image",)
         read = {
             kind: self.storage.read(file.sha256)
             for kind, file in self.files.items()

@@ -94,15 +94,6 @@ class PageRequest:
     limit: int
 
 
-@dataclass(frozen=True)
-class FrameFilter:
-    """Which frames of a dataset to list."""
-
-    dataset_id: int
-    key_prefix: str = ""
-    boxes: BoxFilter | None = None
-
-
 class CurrentBoxes(NamedTuple):
     """Boxes of the newest revisions of frames with their latest answers, as columns.
 
@@ -277,18 +268,24 @@ class FrameRepository(Repository):
             found |= {row[0]: row[1] for row in self._session.execute(rows)}
         return found
 
-    def page(self, wanted: FrameFilter, page: PageRequest) -> list[Frame]:
+    def page(
+        self,
+        dataset_id: int,
+        page: PageRequest,
+        key_prefix: str = "",
+        boxes: BoxFilter | None = None,
+    ) -> list[Frame]:
         """The next current frames, sorted by ``key`` or ``id``.
 
-        One more than the limit if there are more. BadCursor if the cursor cannot be a
-        key or an id.
+        One more than the limit if there are more. With `boxes`, only those that have
+        such a box. BadCursor if the cursor cannot be a key or an id.
         """
         by_key, ascending = page.sort.endswith("key"), not page.sort.startswith("-")
         column = Frame.key if by_key else Frame.id
         order = (Frame.dataset_id, column)
         rows = (
             select(Frame)
-            .where(only_in(wanted.dataset_id), Frame.superseded_at.is_(None))
+            .where(only_in(dataset_id), Frame.superseded_at.is_(None))
             .order_by(*(order if ascending else [each.desc() for each in order]))
             .limit(page.limit + 1)
         )
@@ -296,14 +293,13 @@ class FrameRepository(Repository):
             read = name_of_cursor if by_key else id_of_cursor
             after = read(page.cursor)
             rows = rows.where(column > after if ascending else column < after)
-        if wanted.key_prefix:
+        if key_prefix:
             rows = rows.where(
-                Frame.key >= wanted.key_prefix,
-                Frame.key < wanted.key_prefix + "\U0010ffff",
+                Frame.key >= key_prefix, Frame.key < key_prefix + "\U0010ffff"
             )
-        if wanted.boxes is not None:
+        if boxes is not None:
             of_frame = Decision.frame_id == Frame.id
-            rows = rows.where(exists().where(of_frame, *wanted.boxes.conditions()))
+            rows = rows.where(exists().where(of_frame, *boxes.conditions()))
         return list(self._session.scalars(rows))
 
     def next_frames(

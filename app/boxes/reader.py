@@ -93,36 +93,30 @@ class CurrentReview(TypedDict):
     created_at: str
 
 
-class ServerFields(TypedDict):
-    """The fields of a decision that only the service can fill.
+class AskedDecision(Decision):
+    """The library's decision on a box, and its bin.
 
-    `config` replaces that of the library: it is the digest of the run's version.
+    With what an answer is worth, and why people are asked, if so.
     """
-
-    box_id: int
-    frame_id: int
-    run: int
-    config: str
-    revision: int
-    review: CurrentReview | None
-    effective_verdict: words.Verdict
-    accepted_tags: list[AcceptedTag]
-
-
-class Asked(TypedDict):
-    """The bin of a box, what an answer is worth, and why people are asked, if so."""
 
     bin: words.Bin
     doubt: int
     question: str | None
 
 
-class AskedDecision(Decision, Asked):
-    """The library's decision on a box, with what is asked about it."""
+class StoredDecision(AskedDecision):
+    """A decision of a stored box, as responses show it.
 
+    `config` is not that of the library, but the digest of the run's version.
+    """
 
-class StoredDecision(AskedDecision, ServerFields):
-    """A decision of a stored box, as responses show it."""
+    box_id: int
+    frame_id: int
+    run: int
+    revision: int
+    review: CurrentReview | None
+    effective_verdict: words.Verdict
+    accepted_tags: list[AcceptedTag]
 
 
 class DecidedFrame(NamedTuple):
@@ -475,7 +469,6 @@ class StoredBoxes:
 
     @cached_property
     def doubts(self) -> Doubts:
-        """The doubt about each box."""
         return doubts(self.evidence, self.config, self.decisions)
 
     @cached_property

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Annotated
 
 from anyio import to_thread
-from fastapi import Depends, Query, Request, Response
+from fastapi import Query, Request, Response
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
 
 from app.access.gate import Audited
 from app.boxes import frames
@@ -16,7 +19,7 @@ from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
 from app.boxes.drawing import PICTURES, Drawing, DrawnPictures
 from app.boxes.filter import filters_of, to_filter
-from app.boxes.queries import FrameFilter, PageRequest
+from app.boxes.queries import FrameRepository, PageRequest
 from app.boxes.related import boxes_alike, track_of
 from app.boxes.snapshot import take_snapshot
 from app.catalog.datasets import DatasetRepository
@@ -51,13 +54,8 @@ from app.http.files import (
     known_response,
 )
 from app.http.pages import json_response, page_response, page_with_link
-from app.http.routing import (
-    CLIENT_LEFT,
-    ApiRouter,
-    asks_for_head,
-    has_left,
-    without_length,
-)
+from app.http.routing import CLIENT_LEFT, ApiRouter, asks_for_head, has_left
+from app.storage.base import BlobStore
 from filter_core.values import similar
 from unghost.wire.boxes import (
     BOX_COLUMNS,
@@ -87,23 +85,35 @@ from unghost.wire.words import FileKind
 
 
 async def drawn_response(
-    request: Request, services: ServiceContext, drawing: Drawing, version: str = ""
+    request: Request,
+    services: ServiceContext,
+    plan: Callable[[BlobStore, Session], Drawing],
+    version: str = "",
 ) -> Response:
     """A picture, drawn unless the browser or the service has it cached.
 
-    With a `version` in its address, a browser may keep it without asking again.
+    `plan` finds out what is to be drawn. With a `version` in its address, a browser may
+    keep the picture without asking again.
 
     Each token gets all but one of the places for drawing; further requests wait without
     using a thread. Drawing is cancelled when the client disconnects or the service
     stops: the request can be repeated.
     """
+
+    def planned() -> Drawing:
+        with services.database.read() as session:
+            return plan(services.storage, session)
+
+    drawing = await run_in_threadpool(planned)
     headers = blob_headers(drawing.tag) | {
         "Cache-Control": IMMUTABLE if version else REVALIDATE
     }
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if asks_for_head(request):  # drawing it just for its length would be a waste
-        return without_length(Response(media_type=drawing.media_type, headers=headers))
+        unknown = Response(media_type=drawing.media_type, headers=headers)
+        del unknown.headers["content-length"]
+        return unknown
     content = services.one(DrawnPictures).find(drawing.tag)
     if content is None:
         content = await _drawn(request, services, drawing)
@@ -120,8 +130,19 @@ async def _drawn(
 
     Raises NotReady: the service is stopping.
     """
-    cancelled = threading.Event()
-    drawn = asyncio.ensure_future(_draw(request, services, drawing, cancelled))
+    cancelled, admission = threading.Event(), admission_of(request)
+
+    async def draw() -> bytes:
+        async with admission.drawing.of(current_principal(request).token_id):
+            return await to_thread.run_sync(
+                drawing.content,
+                services.drawers,
+                cancelled,
+                services.settings.data / PICTURES,
+                limiter=admission.drawings,
+            )
+
+    drawn = asyncio.ensure_future(draw())
     left = asyncio.ensure_future(has_left(request))
     stop = services.engine.stopping
     try:
@@ -140,23 +161,6 @@ async def _drawn(
         drawn.cancel()
         left.cancel()
         await asyncio.wait({drawn, left})
-
-
-async def _draw(
-    request: Request,
-    services: ServiceContext,
-    drawing: Drawing,
-    cancelled: threading.Event,
-) -> bytes:
-    admission = admission_of(request)
-    async with admission.drawing.of(current_principal(request).token_id):
-        return await to_thread.run_sync(
-            drawing.content,
-            services.drawers,
-            cancelled,
-            services.settings.data / PICTURES,
-            limiter=admission.drawings,
-        )
 
 
 router = ApiRouter(prefix="/api/v1", tag="boxes")
@@ -260,13 +264,6 @@ def get_slice(
     )
 
 
-def _crop(
-    box_id: RowId, services: AppServices, query: Annotated[CropQuery, Query()]
-) -> Drawing:
-    with services.database.read() as session:
-        return frames.crop_of(services.storage, session, box_id, query)
-
-
 @crops_router.get(
     "/boxes/{box_id}/crop",
     response_class=Response,
@@ -276,23 +273,16 @@ def _crop(
 async def get_crop(
     caller: Viewer,
     request: Request,
+    box_id: RowId,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_crop)],
+    query: Annotated[CropQuery, Query()],
 ) -> Response:
     """The part of the frame around a box as WebP."""
-    version = request.query_params.get("v", "")
-    return await drawn_response(request, services, drawing, version)
+    plan = partial(frames.crop_of, box_id=box_id, wanted=query)
+    return await drawn_response(request, services, plan, query.v)
 
 
 pictures_router = ApiRouter(prefix="/api/v1", tag="frames")
-
-
-def _thumbnail(
-    frame_id: RowId, services: AppServices, query: Annotated[ThumbnailQuery, Query()]
-) -> Drawing:
-    with services.database.read() as session:
-        pictures = frames.frame_pictures(services.storage, session, frame_id)
-        return pictures.thumbnail(query.width)
 
 
 @pictures_router.get(
@@ -304,19 +294,16 @@ def _thumbnail(
 async def get_thumbnail(
     caller: Viewer,
     request: Request,
+    frame_id: RowId,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_thumbnail)],
+    query: Annotated[ThumbnailQuery, Query()],
 ) -> Response:
     """The image as WebP, not wider than asked for."""
-    version = request.query_params.get("v", "")
-    return await drawn_response(request, services, drawing, version)
 
+    def plan(storage: BlobStore, session: Session) -> Drawing:
+        return frames.frame_pictures(storage, session, frame_id).thumbnail(query.width)
 
-def _overlay(
-    frame_id: RowId, services: AppServices, query: Annotated[OverlayQuery, Query()]
-) -> Drawing:
-    with services.database.read() as session:
-        return frames.overlay_of(services.storage, session, frame_id, query)
+    return await drawn_response(request, services, plan, query.v)
 
 
 @pictures_router.get(
@@ -328,11 +315,13 @@ def _overlay(
 async def get_overlay(
     caller: Viewer,
     request: Request,
+    frame_id: RowId,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_overlay)],
+    query: Annotated[OverlayQuery, Query()],
 ) -> Response:
     """A layer of the frame with its boxes as WebP; without boxes, lossless PNG."""
-    return await drawn_response(request, services, drawing)
+    plan = partial(frames.overlay_of, frame_id=frame_id, wanted=query)
+    return await drawn_response(request, services, plan)
 
 
 @pictures_router.get(
@@ -382,12 +371,14 @@ def list_frames(
     """Frames by key or id; with filters on boxes, only frames that have such a box."""
     found = DatasetRepository(session).named(dataset)
     boxes = to_filter(session, found, query) if filters_of(query) else None
-    rows, cursor = frames.page_of_frames(
-        session,
-        FrameFilter(found.id, query.key, boxes),
-        PageRequest(query.sort, query.cursor, query.limit),
-    )
-    return page_response(request, frames.frame_summaries(session, found, rows), cursor)
+    page = PageRequest(query.sort, query.cursor, query.limit)
+    rows = FrameRepository(session).page(found.id, page, query.key, boxes)
+    listed, following = rows[: query.limit], None
+    if len(rows) > query.limit:
+        last = listed[-1]
+        following = last.key if query.sort.endswith("key") else str(last.id)
+    items = frames.frame_summaries(session, found, listed)
+    return page_response(request, items, following)
 
 
 @frames_router.get("/datasets/{dataset}/frames/{key:any}", response_model=Frame)
@@ -395,8 +386,9 @@ def get_frame_by_key(
     caller: Viewer, dataset: DatasetName, key: FrameKey, session: ReadSession
 ) -> Response:
     """The newest revision of the frame under a key."""
-    frame_id = frames.frame_id_of(session, dataset, key)
-    return json_response(frames.describe_frame(session, frame_id))
+    dataset_id = DatasetRepository(session).named(dataset).id
+    frame = FrameRepository(session).current(dataset_id, key)
+    return json_response(frames.describe_frame(session, frame.id))
 
 
 @frames_router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)

@@ -49,12 +49,9 @@ class ConfigRepository(Repository):
 
     def add(self, version: ConfigVersion) -> ConfigVersion:
         """Insert."""
-        self._session.add(version)
-        self._session.flush()
-        return version
+        return self.insert(version)
 
     def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
-        """Digests by id."""
         rows = select(ConfigVersion.id, ConfigVersion.digest).where(
             ConfigVersion.id.in_(set(config_ids))
         )

@@ -88,8 +88,7 @@ class DatasetRepository(Repository):
         taken = self._session.scalar(select(Dataset.name).where(alike, is_there()))
         if taken is not None:
             raise Conflict(f"a dataset {taken!r} exists already", code="dataset_exists")
-        self._session.add(dataset)
-        self._session.flush()
+        self.insert(dataset)
         self._append_classes(dataset.id, classes, start=0)
         return dataset
 

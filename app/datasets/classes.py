@@ -8,10 +8,10 @@ boxes that come with it later get the present one, and annotations stay as they 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
+from app.access.audit import AuditTrail
 from app.boxes.current import TallyRepository
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
@@ -26,19 +26,8 @@ from app.runs.service import (
 from filter_core.values import similar
 
 
-class ClassChange(NamedTuple):
-    """A class's name, and the name of the class that its boxes get."""
-
-    former: str
-    name: str
-
-
 def rename_class(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    change: ClassChange,
-    author: str,
+    context: ServiceContext, audit: AuditTrail, dataset: Dataset, former: str, name: str
 ) -> Run:
     """Request the run that gives a class a new name.
 
@@ -47,7 +36,7 @@ def rename_class(
     class; ``classes_frozen``; ``classes_change`` if an open run renames classes;
     ``too_many_classes`` if the new name would be one more than a dataset may have.
     """
-    former, name = change
+    session = audit.session
     listed = _changeable(session, dataset, former)
     if name in listed:
         raise Conflict(
@@ -64,29 +53,24 @@ def rename_class(
             code="class_exists",
         )
     DatasetRepository(session).add_unlisted_class(dataset, name)
-    return _request(context, session, dataset, change, author)
+    return _request(context, audit, dataset, former, name)
 
 
 def merge_class(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    change: ClassChange,
-    author: str,
+    context: ServiceContext, audit: AuditTrail, dataset: Dataset, former: str, into: str
 ) -> Run:
     """Request the run that moves the boxes of a class to another one.
 
     Raises NoSuchClass if there is no such class, and Conflict: ``same_class`` if both
     are one class; ``classes_frozen``; ``classes_change``.
     """
-    former, into = change
-    listed = _changeable(session, dataset, former)
+    listed = _changeable(audit.session, dataset, former)
     _require_class(dataset, into, listed)
     if former == into:
         raise Conflict(
             f"class {former!r} cannot be merged into itself", code="same_class"
         )
-    return _request(context, session, dataset, change, author)
+    return _request(context, audit, dataset, former, into)
 
 
 def remove_class(session: Session, dataset: Dataset, name: str) -> None:
@@ -135,14 +119,10 @@ def _require_class(dataset: Dataset, name: str, listed: dict[str, int]) -> None:
 
 
 def _request(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    change: ClassChange,
-    author: str,
+    context: ServiceContext, audit: AuditTrail, dataset: Dataset, former: str, name: str
 ) -> Run:
-    former, name = change
-    DatasetRepository(session).keep_classes(dataset.id, change)
+    session = audit.session
+    DatasetRepository(session).keep_classes(dataset.id, (former, name))
     reading, config = coming_settings(session, dataset)
     renamed = {
         sent: name if now == former else now
@@ -150,6 +130,5 @@ def _request(
     }
     renamed = {sent: now for sent, now in renamed.items() if sent != name}
     coming = replace(reading, renamed_classes={**renamed, former: name})
-    return request_run(
-        context, session, dataset, RunRequest(config, author, True, coming)
-    )
+    wanted = RunRequest(config, audit.name, True, coming)
+    return request_run(context, session, dataset, wanted)

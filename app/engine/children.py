@@ -264,7 +264,6 @@ class _Child:
             raise _ChildDied(ending_text(self._process.exitcode)) from exc
 
     def is_alive(self) -> bool:
-        """Whether the process runs."""
         return bool(self._process.is_alive())
 
     def ask(
@@ -294,7 +293,6 @@ class _Child:
         self.kill()
 
     def kill(self) -> None:
-        """Kill the process."""
         self._pipe.close()
         self._process.kill()
         self._process.join()

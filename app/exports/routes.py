@@ -19,7 +19,6 @@ from app.exports.queries import VersionRepository
 from app.exports.service import (
     EXPORTS,
     MEDIA_TYPE,
-    ExportRequest,
     describe_export,
     finished_file,
     planned_parts,
@@ -84,9 +83,7 @@ def create_export(
 ) -> Response:
     """Start an export of labels; one with class numbers fixes the order of classes."""
     found = DatasetRepository(session).named(dataset)
-    options = body.options.model_dump()
-    wanted = ExportRequest(body.format, options, audit.name, body.name, body.since)
-    export = request_export(services, session, found, wanted)
+    export = request_export(services, session, found, body, audit.name)
     audit.note(
         AuditAction.EXPORT_CREATED, export.id, dataset=dataset, format=body.format
     )

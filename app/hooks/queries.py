@@ -38,11 +38,6 @@ class HookRepository(Repository):
     In its statements, `is_there` holds for hooks without a dataset, too.
     """
 
-    def add(self, hook: Hook) -> None:
-        """Insert."""
-        self._session.add(hook)
-        self._session.flush()
-
     def page(self, page: NewestPage) -> list[Row[Hook, str | None]]:
         """A page of hooks with the names of their datasets, newest first, and one more
         if there is a next one."""

@@ -75,7 +75,7 @@ def create_hook(
         secret=secret,
         created_by=audit.name,
     )
-    HookRepository(audit.session).add(hook)
+    HookRepository(audit.session).insert(hook)
     audit.note(AuditAction.HOOK_CREATED, hook.id, url=hook.url, dataset=wanted.dataset)
     shown = describe_hook(hook, wanted.dataset)
     return wire.NewHook(**dict(shown), secret=secret)

@@ -43,7 +43,6 @@ def settings_of(request: Request) -> Settings:
 
 
 def database_of(request: Request) -> Database:
-    """The service's database."""
     database: Database = request.app.state.database
     return database
 

@@ -156,7 +156,6 @@ class SecurityHeaders(HttpMiddleware):
         ]
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = list(message.get("headers", ()))

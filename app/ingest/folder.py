@@ -228,7 +228,10 @@ def write_response(task: FolderTask) -> int:
     size of the response in bytes. Raises LayoutError: there is a fault in
     ``recording.yaml``, or the response would be too large.
     """
-    source = _only_folder(task.root)
+    # The only folder there, if there is nothing else.
+    visible = [path for path in task.root.iterdir() if not is_hidden(path.name)]
+    only = visible[0] if len(visible) == 1 else task.root
+    source = only if only.is_dir() else task.root
     # There are no links here, and `_name_of` refuses every file that was not sent: its
     # message fits the page better than the reader's, which names an option.
     named = {} if task.layout == "auto" else {"layout": task.layout}
@@ -392,13 +395,6 @@ def _painted(frame: DrawnFrame) -> PaintedFrame:
     )
 
 
-def _only_folder(root: Path) -> Path:
-    """The only folder in `root`, if there is nothing else there; otherwise `root`."""
-    visible = [path for path in root.iterdir() if not is_hidden(path.name)]
-    only = visible[0] if len(visible) == 1 else root
-    return only if only.is_dir() else root
-
-
 @dataclass
 class _Response:
     """Writes the lines of the response, and counts them."""
@@ -432,7 +428,7 @@ class _Response:
         return "" if name == "." else f"{name}/"
 
     def write(self, line: ResponseModel) -> None:
-        self._write(_line(line))
+        self._write(_json(line.model_dump()))
 
     def _write(self, line: bytes) -> None:
         self.size += len(line) + 1
@@ -467,12 +463,22 @@ class _Response:
             line = self._frame(source, doubt)
         except LayoutError as fault:
             self.faulty += 1
-            line = _faulty(source.key, fault)
+            told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
+            frame = FolderFrame(
+                key=source.key,
+                annotation=None,
+                annotation_text=None,
+                files={},
+                fault=told,
+            )
+            line = _json(frame.model_dump())
         self._write(line)
 
     def _frame(self, source: FrameSource, doubt: LayoutError | None) -> bytes:
         if problem := source.problem or missing_image(source) or doubt:
-            raise _as_layout_error(problem)
+            raise LayoutError(
+                problem.detail, pointer=problem.pointer, code=problem.kind
+            )
         given = {"image": source.image, "segmentation": source.segmentation}
         given |= source.others
         files = {
@@ -545,25 +551,9 @@ def _relative(path: Path, root: Path) -> str:
     return os.path.relpath(path, root).replace(os.sep, "/")
 
 
-def _as_layout_error(problem: FilterError) -> LayoutError:
-    return LayoutError(problem.detail, pointer=problem.pointer, code=problem.kind)
-
-
-def _faulty(key: str, fault: LayoutError) -> bytes:
-    told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
-    frame = FolderFrame(
-        key=key, annotation=None, annotation_text=None, files={}, fault=told
-    )
-    return _line(frame)
-
-
 _LONG_INTEGER: Final = re.compile(rb"(?<![\d.])\d{16,}(?![\d.eE])")
 """A whole number in JSON that may be beyond 2^53, of which the page would lose digits;
 also in a text."""
-
-
-def _line(line: ResponseModel) -> bytes:
-    return _json(line.model_dump())
 
 
 def _json(line: dict[str, object]) -> bytes:

@@ -1,4 +1,4 @@
-"""Routes that store frames, one or many, and that look up stored keys."""
+"""Routes that store frames, look up stored keys, and read a dropped folder."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import asyncio
 import json
 import threading
 from collections import Counter
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Final
 
-from anyio import to_thread
+from anyio import CancelScope, to_thread
 from fastapi import Depends, Query, Request, Response
+from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
+from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from app.boxes import frames
@@ -36,16 +40,26 @@ from app.http.deps import (
 from app.http.middleware import BODY_ALLOWANCE
 from app.http.pages import json_response
 from app.http.problems import refusal_of
-from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left
+from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left, streamed_up_to
 from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
 from app.ingest.check import KINDS
+from app.ingest.folder import MOST_LONGER, FolderTask, SentFolder, write_response
 from app.ingest.frame import EndedFrame, RefusedFrame, UploadedFrame, UploadRequest
 from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
+from app.ingest.tar import TarLimits, TarStream
 from app.logs import current_request_id
 from app.measuring.active import PlanCache
 from app.storage.room import require_room
+from filter_core.formats.recording import known_layouts
+from unghost.wire.folders import (
+    FolderEnd,
+    FolderFrame,
+    FolderHead,
+    LayoutName,
+    UnmatchedFile,
+)
 from unghost.wire.frames import (
     BatchEnd,
     BatchLine,
@@ -61,6 +75,7 @@ LINES: Final = "application/x-ndjson"
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 known_frames_router = ApiRouter(prefix="/api/v1", tag="frames")
+folders_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 ARCHIVE_BODY: Final = {
     "requestBody": {
@@ -308,9 +323,20 @@ async def put_frame(
     # It is one of a few for uploads alone: slow frames could occupy all shared ones.
     places = admission_of(request).uploads
     async with until_left(request) as cancelled:
-        return await to_thread.run_sync(
-            _store, services, common, upload, cancelled, limiter=places
-        )
+
+        def store() -> Response:
+            if cancelled.is_set():  # while the request waited for its place
+                raise CallCancelled
+            stored = add_frame(services, common, upload, cancelled)
+            headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
+            if isinstance(stored, NewFrame):
+                # After the transaction, since it takes as long as inserting all rows.
+                return json_response(stored.describe(), 201, headers)
+            with services.database.read() as session:
+                described = frames.describe_stored(session, stored.frame_id)
+            return json_response(described, 200, headers)
+
+        return await to_thread.run_sync(store, limiter=places)
 
 
 @asynccontextmanager
@@ -335,24 +361,6 @@ async def until_left(request: Request) -> AsyncIterator[threading.Event]:
         watching.cancel()
 
 
-def _store(
-    services: ServiceContext,
-    common: UploadRequest,
-    upload: UploadedFrame,
-    cancelled: threading.Event,
-) -> Response:
-    if cancelled.is_set():  # while the request waited for its place
-        raise CallCancelled
-    stored = add_frame(services, common, upload, cancelled)
-    headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
-    if isinstance(stored, NewFrame):
-        # After the transaction, since it takes as long as inserting all rows.
-        return json_response(stored.describe(), 201, headers)
-    with services.database.read() as session:
-        described = frames.describe_stored(session, stored.frame_id)
-    return json_response(described, 200, headers)
-
-
 @known_frames_router.post(
     "/datasets/{dataset}/known-frames", response_model=KnownFrames
 )
@@ -367,3 +375,136 @@ def find_known_frames(
         if row.frame_id is not None and row.content_digest is not None
     )
     return KnownFrames(items=known)
+
+
+def _known_layout(name: str) -> str:
+    """Checks a layout before the files are received; the server may have plug-ins."""
+    known = known_layouts(name)
+    if name not in known:
+        raise ValueError(f"expected one of {', '.join(known)}")
+    return name
+
+
+@folders_router.post(
+    "/folders",
+    response_class=Response,
+    responses=lines_of(
+        FolderHead,
+        FolderFrame,
+        UnmatchedFile,
+        FolderEnd,
+        description="A line about the folder, one per frame, one per file that belongs "
+        "to no frame, and a last line with the inspection.",
+    ),
+    openapi_extra={**streamed_up_to("max_folder_bytes"), **ARCHIVE_BODY},
+)
+async def read_folder(
+    caller: Reviewer,
+    request: Request,
+    services: AppServices,
+    layout: Annotated[
+        LayoutName,
+        AfterValidator(_known_layout),
+        Query(description="How the files of the folder are arranged."),
+    ] = "auto",
+) -> Response:
+    """List the frames in a folder and inspect it, without storing them.
+
+    The body is a tar of its files: labels and lists as they are; of each kind of image
+    some whole, for evenly spread frames, which are looked at; the others without
+    content, or, where the size matters (KITTI's `image_2`), with the first 24 bytes of
+    a PNG or 64 KiB of a JPEG. A `recording.yaml` in the folder says how it is read; as
+    JSON, too. A folder that cannot be read has no frames, and its inspection says why.
+    """
+    expect_archive(request)
+    settings = services.settings
+    async with AsyncExitStack() as opened:
+        opened.enter_context(services.one(OpenBatches).enter(settings))
+        sent = await opened.enter_async_context(_sent_folder(services))
+        await _receive(request, services, sent)
+        task = FolderTask(
+            root=sent.root,
+            response=sent.response,
+            layout=layout,
+            refused=tuple(sent.refused),
+            absent=tuple(sent.absent),
+            most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
+        )
+        async with until_left(request) as cancelled:
+            read = partial(services.folders.run, write_response, task)
+            size = await to_thread.run_sync(
+                partial(read, cancelled=cancelled),
+                limiter=admission_of(request).folders,
+            )
+        return FolderResponse(sent.response, size, opened.pop_all())
+
+
+@asynccontextmanager
+async def _sent_folder(services: ServiceContext) -> AsyncIterator[SentFolder]:
+    """A temporary folder for the files of a request, deleted when the block ends."""
+    settings, storage = services.settings, services.storage
+    limits = settings.max_folder_files, int(settings.max_part_bytes)
+
+    def new() -> SentFolder:
+        require_room(settings, storage)
+        return SentFolder(storage.temporary_folder(), *limits)
+
+    sent = await run_in_threadpool(new)
+    try:
+        yield sent
+    finally:
+        with CancelScope(shield=True):
+            await run_in_threadpool(sent.remove)
+
+
+async def _receive(
+    request: Request, services: ServiceContext, sent: SentFolder
+) -> None:
+    """Write the files of the body to the folder while they are received."""
+    settings, stop = services.settings, services.engine.stopping
+    limits = TarLimits(
+        max_archive_bytes=int(settings.max_folder_bytes),
+        max_member_bytes=int(settings.max_part_bytes),
+        # A long name is a member of its own, before the member that has it.
+        max_members=2 * settings.max_folder_files,
+    )
+    archive = TarStream(limits, any_name=True)
+    held: HeldBytes = request.scope[BODY_ALLOWANCE].held
+
+    def add_files(chunk: bytes) -> None:
+        for member in archive.feed(chunk):
+            sent.add(member)
+
+    pieces = UntilStopped(request.stream(), stop)
+    with stop.calling(pieces.wake):
+        async for chunk in pieces:
+            await run_in_threadpool(add_files, chunk)
+            held.hold(archive.size_bytes)
+    archive.close()
+    held.hold(0)
+
+
+class FolderResponse(StreamingResponse):
+    """A response from a temporary folder, which is deleted once it is sent or fails."""
+
+    def __init__(self, file: Path, size: int, opened: AsyncExitStack) -> None:
+        super().__init__(
+            _pieces(file), media_type=LINES, headers={"Content-Length": str(size)}
+        )
+        self._opened = opened
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the response, then delete the folder."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            await self._opened.aclose()
+
+
+_PIECE: Final = 256 * 1024
+
+
+def _pieces(file: Path) -> Iterator[bytes]:
+    with file.open("rb") as stream:
+        while piece := stream.read(_PIECE):
+            yield piece

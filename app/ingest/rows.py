@@ -73,7 +73,6 @@ class NewFrame(StoredFrame):
 
     @property
     def boxes(self) -> int:
-        """How many boxes it has."""
         return len(self.decisions.reason)
 
     @property

@@ -53,10 +53,6 @@ class ChunkRepository(Repository):
         waiting = Chunk.number == FINAL_STEP, Chunk.state == "waiting"
         self._session.execute(delete(Chunk).where(*_chunks_of(job), *waiting))
 
-    def has_final_step(self, job: Job) -> bool:
-        """Whether the final step is planned, and was not withdrawn."""
-        return self.find(job, FINAL_STEP) is not None
-
     def find(self, job: Job, number: int) -> Chunk | None:
         """A chunk, unless its job has been removed."""
         return self._session.get(Chunk, (job.kind, job.id, number))
@@ -91,7 +87,6 @@ class ChunkRepository(Repository):
         return self._session.scalar(rows) or 0
 
     def has_chunks(self, job: Job) -> bool:
-        """Whether a job has chunks."""
         return self._last_number(job) > 0
 
     def mark_done(self, job: Job, number: int) -> None:

@@ -280,7 +280,6 @@ class _Writing:
     left_out: list[str] = field(default_factory=list)
 
     def add(self, name: str, file: Path) -> None:
-        """Add a complete file."""
         if self.archive is None:
             target = self.folder / name
             if target == file:

@@ -113,10 +113,7 @@ def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
     Raises CannotMaintain if the database is missing although files exist, a restore was
     interrupted, or the database belongs to a newer version.
     """
-    file = database_file(settings)
-    # Not by connecting: that would create a missing SQLite database.
-    there = file is None or file.exists()
-    revision = current_revision(engine) if there else None
+    revision = _revision(settings, engine)
     if revision is None and (settings.data / RESTORING).exists():
         raise CannotMaintain(
             f"a restore into {str(settings.data)!r} was interrupted; "
@@ -134,6 +131,12 @@ def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
         )
     if revision is not None and not is_known(migrations_dir(), revision):
         raise CannotMaintain(newer(revision))
+
+
+def _revision(settings: Settings, engine: Engine) -> str | None:
+    # Not by connecting: that would create a missing SQLite database.
+    file = database_file(settings)
+    return current_revision(engine) if file is None or file.exists() else None
 
 
 def keep_private(settings: Settings) -> None:
@@ -159,10 +162,7 @@ def check_same_version(settings: Settings, engine: Engine) -> None:
 
     Raises CannotMaintain if it is missing, or its schema has another version.
     """
-    file = database_file(settings)
-    there = file is None or file.exists()
-    revision = current_revision(engine) if there else None
-    wanted = head_revision(migrations_dir())
+    revision, wanted = _revision(settings, engine), head_revision(migrations_dir())
     if revision is None:
         raise CannotMaintain(
             "there is no database of Unghost where the settings say (UNGHOST_DATA, "

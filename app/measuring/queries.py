@@ -102,7 +102,6 @@ class EvidenceRepository(Repository):
     def of_frames(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> dict[int, EvidenceRow]:
-        """Evidence by frame."""
         found: dict[int, EvidenceRow] = {}
         connection = self._session.connection()
         for chunk in chunks(dict.fromkeys(frame_ids)):
@@ -151,7 +150,6 @@ class EvidenceRepository(Repository):
     def numbers_of_frames(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> list[NumbersRow]:
-        """The numbers of these frames."""
         found: list[NumbersRow] = []
         for chunk in chunks(dict.fromkeys(frame_ids)):
             rows = _numbers(measurement_id).where(Frame.id.in_(chunk))

@@ -17,7 +17,6 @@ class Totals(Repository):
     """Totals over all datasets; all are cheap except `blobs`."""
 
     def datasets(self) -> int:
-        """How many datasets there are."""
         rows = select(func.count()).select_from(Dataset).where(is_there())
         return self._session.scalar(rows) or 0
 

@@ -8,7 +8,7 @@ from datetime import timedelta
 from functools import partial
 
 from app.access.first_token import ensure_first_token
-from app.access.upkeep import keeping_tokens
+from app.access.gate import keeping_tokens
 from app.addresses import LOCAL_ENGINE
 from app.background import Task, repeating
 from app.context import ServiceContext

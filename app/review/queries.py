@@ -481,9 +481,7 @@ class ReviewBatches(Repository):
             looked_at=looked_at,
             undoes_id=undoes_id,
         )
-        self._session.add(batch)
-        self._session.flush()
-        return batch
+        return self.insert(batch)
 
     def with_id(self, batch_id: int) -> ReviewBatch:
         """A batch; raises NotFound."""
@@ -493,7 +491,6 @@ class ReviewBatches(Repository):
         return batch
 
     def is_undone(self, batch_id: int) -> bool:
-        """Whether a batch was undone already."""
         rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
         return self._session.scalar(rows.limit(1)) is not None
 
@@ -551,7 +548,6 @@ class ClaimRepository(Repository):
     """Rows of `claims`; expired ones have no effect."""
 
     def forget_expired(self, dataset_id: int, now: datetime) -> None:
-        """Delete expired claims."""
         rows = delete(Claim).where(Claim.dataset_id == dataset_id)
         self._session.execute(rows.where(Claim.expires_at <= now))
 
@@ -563,7 +559,6 @@ class ClaimRepository(Repository):
         return {row[0]: row[1] for row in self._session.execute(newest_first)}
 
     def end(self, box_ids: Collection[int]) -> None:
-        """Delete the claims on boxes."""
         if box_ids:
             self._session.execute(delete(Claim).where(Claim.box_id.in_(box_ids)))
 

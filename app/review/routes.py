@@ -17,13 +17,13 @@ from app.http.deps import (
     Viewer,
     require_room_to_answer,
 )
-from app.http.pages import Cursor, Limit, json_response, page_response
+from app.http.pages import NO_STORE, Cursor, Limit, json_response, page_response
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession, commit_and_respond
 from app.review.bulk import review_many, undo_batch
 from app.review.coached import coached_boxes
 from app.review.history import history
-from app.review.queue import QueueRequest, next_boxes, remaining_boxes
+from app.review.queue import next_boxes, remaining_boxes
 from app.review.service import import_answers, review_box, undo_answer
 from unghost.wire.boxes import (
     AnswersIn,
@@ -68,13 +68,11 @@ def take_from_queue(
     services: AppServices,
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
-    chosen = body.model_dump(exclude={"filters"})
-    wanted = QueueRequest(caller.name, selection=body.filters, **chosen)
-    queue = remaining_boxes(services, dataset, wanted)
+    queue = remaining_boxes(services, dataset, caller.name, body)
     found = DatasetRepository(session).named(dataset)
+    boxes = next_boxes(session, found, caller.name, body, queue)
     # no-store: a repeated request may get other boxes, so its response is not kept.
-    headers = {"Cache-Control": "no-store"}
-    return json_response(next_boxes(session, found, wanted, queue), headers=headers)
+    return json_response(boxes, headers=NO_STORE)
 
 
 @queue_router.get("/datasets/{dataset}/coached", response_model=Coached)

@@ -224,7 +224,6 @@ class _Decided:
 
     @cached_property
     def reasons(self) -> NDArray[np.uint8]:
-        """The reasons of these boxes."""
         reasons = self.decisions.reason
         return reasons if self.rows is None else reasons[self.rows]
 
@@ -472,18 +471,17 @@ def _recounted(
     )
 
 
-@dataclass(frozen=True)
-class DiffPage:
-    """A page of flips, nearest to a threshold first, after the cursor's position."""
-
-    limit: int
-    cursor: str | None
-
-
 def run_diff(
-    context: ServiceContext, session: Session, runs: tuple[Run, Run], page: DiffPage
+    context: ServiceContext,
+    session: Session,
+    runs: tuple[Run, Run],
+    limit: int,
+    cursor: str | None = None,
 ) -> Diff:
-    """Counts of boxes whose verdict differs, and one page of them."""
+    """Counts of boxes whose verdict differs, and a page of them after the cursor.
+
+    Nearest to a threshold first.
+    """
     configs = [
         config_of(ConfigRepository(session).with_id(run.config_id)) for run in runs
     ]
@@ -495,8 +493,8 @@ def run_diff(
         for id_ in measurements
     ]
     # One more than the limit, to find out whether there is a next page.
-    place = number_and_id_of_cursor(page.cursor) if page.cursor else None
-    nearest = _Nearest(page.limit + 1, place)
+    place = number_and_id_of_cursor(cursor) if cursor else None
+    nearest = _Nearest(limit + 1, place)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
         rows = [np.arange(len(numbers[1]))] * 2
@@ -519,8 +517,8 @@ def run_diff(
         flips = table.add(after.evidence, *reasons, after.rows)
         nearest.add(before, after, flips)
         causes.update(filter(None, _causes(before, after, flips)))
-    listed, following = nearest.found[: page.limit], None
-    if len(nearest.found) > page.limit:
+    listed, following = nearest.found[:limit], None
+    if len(nearest.found) > limit:
         distance, box_id, _ = listed[-1]
         following = cursor_after(distance, box_id)
     by_class, sides = table.flips(), table.sides()

@@ -41,9 +41,7 @@ class RunRepository(Repository):
 
     def add(self, run: Run) -> Run:
         """Insert."""
-        self._session.add(run)
-        self._session.flush()
-        return run
+        return self.insert(run)
 
     def page(
         self, page: NewestPage, state: str | None, dataset_id: int | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from fastapi import Depends, Header, Path, Query, Request, Response
-from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
@@ -44,7 +43,7 @@ from app.measuring.active import (
     add_version,
     describe_version,
 )
-from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
+from app.runs.flips import PreviewLimits, compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
 from app.runs.service import (
     RUNS,
@@ -218,23 +217,20 @@ def activate_config(
     run = run_activating(session, found, digest)
     if run is None:
         if if_match is not None:
-            _require_match(session, found, if_match)
+            coming = coming_version(session, found)
+            tags = [tag.strip() for tag in if_match.split(",")]
+            if if_match.strip() != "*" and f'"{coming.digest}"' not in tags:
+                raise StaleConfig(
+                    f"configuration {coming.digest[:12]} of {coming.created_by!r} is "
+                    f"or becomes the active one of dataset {dataset!r}, expected "
+                    f"{if_match}",
+                    current=describe_version(found, coming).model_dump(mode="json"),
+                )
         wanted = RunRequest(digest, audit.name, activate=True)
         run = request_run(services, session, found, wanted)
         made = {"config": digest, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
     return accepted(described_run(services, session, run))
-
-
-def _require_match(session: Session, dataset: tables.Dataset, if_match: str) -> None:
-    version = coming_version(session, dataset)
-    tags = [tag.strip() for tag in if_match.split(",")]
-    if if_match.strip() != "*" and f'"{version.digest}"' not in tags:
-        raise StaleConfig(
-            f"configuration {version.digest[:12]} of {version.created_by!r} is or "
-            f"becomes the active one of dataset {dataset.name!r}, expected {if_match}",
-            current=describe_version(dataset, version).model_dump(mode="json"),
-        )
 
 
 @configs_router.post("/datasets/{dataset}/preview")
@@ -374,5 +370,5 @@ def compare_runs(
 ) -> Response:
     """Boxes whose verdicts differ between two runs, nearest to a threshold first."""
     runs = compared_runs(session, run_id, against)
-    diff = run_diff(services, session, runs, DiffPage(limit, cursor))
+    diff = run_diff(services, session, runs, limit, cursor)
     return page_with_link(request, diff, diff.next_cursor)

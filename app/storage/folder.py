@@ -105,7 +105,6 @@ class FolderStorage:
             draft.unlink(missing_ok=True)
 
     def path(self, digest: str) -> Path:
-        """The path of a blob."""
         return self.folder / place_of(digest)
 
     def read(self, digest: str) -> bytes:
