@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Final, NamedTuple
 
-from sqlalchemy import Connection, bindparam, delete, func, or_, select, update
+from sqlalchemy import Connection, Row, bindparam, delete, func, or_, select, update
 
 from app.db.base import Repository
 from app.db.pages import NewestPage
@@ -84,18 +84,12 @@ def is_valid(
     return connection.execute(statement, values).first() is not None
 
 
-class TokenEnd(NamedTuple):
-    """When a token was revoked, and when it expires; None: never."""
-
-    revoked_at: datetime | None
-    expires_at: datetime | None
-
-
-def end_of(connection: Connection, token_id: int) -> TokenEnd | None:
-    """The end of a token, valid or not; None if there is no such token."""
+def end_of(
+    connection: Connection, token_id: int
+) -> Row[datetime | None, datetime | None] | None:
+    """When a token was revoked, and when it expires; None if there is no such token."""
     statement = select(Token.revoked_at, Token.expires_at).where(Token.id == token_id)
-    row = connection.execute(statement).first()
-    return TokenEnd(*row) if row else None
+    return connection.execute(statement).first()
 
 
 class TokenRow(NamedTuple):

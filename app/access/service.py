@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import Connection
+from sqlalchemy import Connection, Row
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
-from app.access.queries import TokenEnd, Tokens, end_of, is_valid
+from app.access.queries import Tokens, end_of, is_valid
 from app.db.base import existing, rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
@@ -236,7 +236,7 @@ def check_link(session: Session, key: str, export_id: int) -> None:
 
 
 def _refused(
-    token: Token | TokenEnd | None,
+    token: Token | Row[datetime | None, datetime | None] | None,
     now: datetime,
     unknown: str = _NO_ENTRY,
     otherwise: str = "",

@@ -40,8 +40,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import TallyKey
-from app.boxes.queries import FrameRepository
-from app.db.base import Repository
+from app.db.base import Repository, utc_now
 from app.db.bulk import (
     Written,
     chunks,
@@ -52,7 +51,7 @@ from app.db.bulk import (
     run_each,
     update_rows,
 )
-from app.db.tables import Decision, Frame, Review, Tally
+from app.db.tables import Box, Decision, Frame, Review, Tally
 from app.verdicts import BIN
 from filter_core.arrays import BoolArray, IntArray, floats_or_none
 from filter_core.decisions.doubt import Bin
@@ -151,7 +150,8 @@ def retire(session: Session, frame: Frame) -> None:
     dialect = session.connection().dialect.name
     run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
     session.execute(delete(Decision).where(Decision.frame_id == frame.id))
-    FrameRepository(session).supersede(frame)
+    former = update(Frame).where(Frame.id == frame.id)
+    session.execute(former.values(superseded_at=utc_now()))
 
 
 @lru_cache
@@ -235,7 +235,7 @@ def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -
     """
     boxes, classes = box_ids.tolist(), class_ids.tolist()
     update_rows(session, Decision, {"box_id": boxes, "class_id": classes})
-    FrameRepository(session).classify_boxes(boxes, classes)
+    update_rows(session, Box, {"id": boxes, "class_id": classes})
 
 
 def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:

@@ -41,7 +41,6 @@ from app.db.bulk import (
     insert_rows,
     run,
     run_each,
-    update_rows,
 )
 from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
@@ -467,16 +466,6 @@ class FrameRepository(Repository):
     def add_boxes(self, columns: Mapping[str, Sequence[object]]) -> None:
         """Insert boxes; `app.boxes.current.add` inserts their decisions."""
         insert_columns(self._session, Box, columns)
-
-    def classify_boxes(self, box_ids: list[int], class_ids: list[int]) -> None:
-        """Set the classes of boxes; see `app.boxes.current.classified_again`."""
-        update_rows(self._session, Box, {"id": box_ids, "class_id": class_ids})
-
-    def supersede(self, frame: Frame) -> None:
-        """Mark a frame as no longer the newest revision under its key."""
-        self._session.execute(
-            update(Frame).where(Frame.id == frame.id).values(superseded_at=utc_now())
-        )
 
     def remove(self, dataset_id: int, key: str) -> None:
         """Delete every revision under a key."""

@@ -57,21 +57,7 @@ from app.http.pages import json_response, page_response, page_with_link
 from app.http.routing import CLIENT_LEFT, ApiRouter, asks_for_head, has_left
 from app.storage.base import BlobStore
 from filter_core.values import similar
-from unghost.wire.boxes import (
-    BOX_COLUMNS,
-    BOX_FIELDS,
-    USUAL_COLUMNS,
-    Alike,
-    Box,
-    BoxListQuery,
-    BoxPage,
-    BoxTable,
-    BoxTableQuery,
-    DepthBand,
-    DepthSlice,
-    FrameListQuery,
-    Track,
-)
+from unghost.wire import boxes as wire
 from unghost.wire.frames import (
     CropQuery,
     Frame,
@@ -168,16 +154,16 @@ router = ApiRouter(prefix="/api/v1", tag="boxes")
 crops_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
-@router.get("/boxes", response_model=BoxPage)
+@router.get("/boxes", response_model=wire.BoxPage)
 def list_boxes(
     caller: Viewer,
     request: Request,
     session: ReadSession,
     services: AppServices,
-    query: Annotated[BoxListQuery, Query()],
+    query: Annotated[wire.BoxListQuery, Query()],
 ) -> Response:
     """Boxes of a dataset, sorted by id, doubt, match or crowding."""
-    names = None if query.fields is None else _named(query.fields, BOX_FIELDS)
+    names = None if query.fields is None else _named(query.fields, wire.BOX_FIELDS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
@@ -193,17 +179,17 @@ def list_boxes(
     return page_response(request, items, cursor, total=total, snapshot=snapshot)
 
 
-@router.get("/boxes/table", response_model=BoxTable)
+@router.get("/boxes/table", response_model=wire.BoxTable)
 def get_table(
     caller: Viewer,
     request: Request,
     session: ReadSession,
-    query: Annotated[BoxTableQuery, Query()],
+    query: Annotated[wire.BoxTableQuery, Query()],
 ) -> Response:
     """Boxes of a dataset as columns, frame by frame: for data frames and tables."""
-    names = USUAL_COLUMNS
+    names = wire.USUAL_COLUMNS
     if query.fields is not None:
-        names = _named(query.fields, BOX_COLUMNS)
+        names = _named(query.fields, wire.BOX_COLUMNS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
@@ -232,34 +218,34 @@ def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-@router.get("/boxes/{box_id}", response_model=Box)
-def get_box(caller: Viewer, box_id: RowId, session: ReadSession) -> Box:
+@router.get("/boxes/{box_id}", response_model=wire.Box)
+def get_box(caller: Viewer, box_id: RowId, session: ReadSession) -> wire.Box:
     """A box, its decision, and the boxes that overlap it."""
     reader, found = boxes.read_box(session, box_id)
     (decision,) = reader.records(found)
-    return Box.model_validate({**decision, "neighbours": found.neighbours(0)})
+    return wire.Box.model_validate({**decision, "neighbours": found.neighbours(0)})
 
 
-@router.get("/boxes/{box_id}/alike", response_model=Alike)
+@router.get("/boxes/{box_id}/alike", response_model=wire.Alike)
 def get_alike(caller: Viewer, box_id: RowId, session: ReadSession) -> Response:
     """Boxes without an answer of the same class, reason, cause, hider and band."""
     return json_response(boxes_alike(session, box_id))
 
 
-@router.get("/boxes/{box_id}/track", response_model=Track)
+@router.get("/boxes/{box_id}/track", response_model=wire.Track)
 def get_track(caller: Viewer, box_id: RowId, session: ReadSession) -> Response:
     """The same object in the frames of its recording before and after."""
     return json_response({"items": track_of(session, box_id)})
 
 
-@router.get("/boxes/{box_id}/slice", response_model=DepthSlice)
+@router.get("/boxes/{box_id}/slice", response_model=wire.DepthSlice)
 def get_slice(
     caller: Viewer, box_id: RowId, session: ReadSession, services: AppServices
-) -> DepthSlice:
+) -> wire.DepthSlice:
     """Where a box and the pixels in it are on the axis of depth."""
     found = frames.slice_of(services, session, box_id)
-    bands = [DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
-    return DepthSlice(
+    bands = [wire.DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
+    return wire.DepthSlice(
         near=found.near, far=found.far, median=found.median, bands=tuple(bands)
     )
 
@@ -366,7 +352,7 @@ def list_frames(
     request: Request,
     dataset: DatasetName,
     session: ReadSession,
-    query: Annotated[FrameListQuery, Query()],
+    query: Annotated[wire.FrameListQuery, Query()],
 ) -> Response:
     """Frames by key or id; with filters on boxes, only frames that have such a box."""
     found = DatasetRepository(session).named(dataset)

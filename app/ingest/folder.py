@@ -63,20 +63,7 @@ from filter_core.inspection.recording import (
     open_recording,
 )
 from filter_core.inspection.remarks import by_role, facts, recording_text, remarks_on
-from unghost.wire.folders import (
-    FolderClass,
-    FolderEnd,
-    FolderFact,
-    FolderFrame,
-    FolderHead,
-    FolderInspection,
-    FolderRemark,
-    FolderRemedy,
-    FolderStream,
-    PaintedBox,
-    PaintedFrame,
-    UnmatchedFile,
-)
+from unghost.wire import folders as wire
 from unghost.wire.model import Fault, ResponseModel
 
 PREFIX: Final = "folder-"
@@ -245,7 +232,7 @@ def write_response(task: FolderTask) -> int:
     settings = description.segmentation_settings()
     with _Response(task, source) as response:
         response.write(
-            FolderHead.model_validate(
+            wire.FolderHead.model_validate(
                 {
                     "layout": opened.layout,
                     "layouts": layouts,
@@ -275,7 +262,7 @@ def write_response(task: FolderTask) -> int:
         )
         response.write_unmatched(opened.frames)
         response.write(
-            FolderEnd(
+            wire.FolderEnd(
                 end=True,
                 frames=response.frames,
                 faulty=response.faulty,
@@ -321,7 +308,7 @@ def _with_sizes(opened: OpenedRecording, task: FolderTask) -> OpenedRecording:
 
 def _shown(
     inspection: Inspection, source: Path, frames: FrameSet, response: _Response
-) -> FolderInspection:
+) -> wire.FolderInspection:
     """An inspection as the response has it, when all frames are written."""
     path, own = source / RECORDING_NAME, None
     if path.is_file():
@@ -330,14 +317,14 @@ def _shown(
     used = Counter(folder_of(f"{root}{os.sep}{name}") for name in response.used)
     left = companions(source, frames, used)
     palette = inspection.segmentation and inspection.segmentation.family
-    return FolderInspection(
+    return wire.FolderInspection(
         why=inspection.why,
         remarks=tuple(
-            FolderRemark(
+            wire.FolderRemark(
                 text=remark.text,
                 finding=remark.finding,
                 remedies=tuple(
-                    FolderRemedy(place=place, value=value)
+                    wire.FolderRemedy(place=place, value=value)
                     for place, value in remark.remedies
                 ),
                 unknown_classes=remark.unknown_classes,
@@ -346,10 +333,10 @@ def _shown(
             for remark in remarks_on(inspection)
         ),
         facts=tuple(
-            FolderFact(name=name, text=text) for name, text in facts(inspection)
+            wire.FolderFact(name=name, text=text) for name, text in facts(inspection)
         ),
         streams=tuple(
-            FolderStream(
+            wire.FolderStream(
                 role=stream.role,
                 images=stream.images,
                 example=f"{response.top}{stream.example}",
@@ -359,7 +346,7 @@ def _shown(
             for stream in by_role(inspection)
         ),
         classes=tuple(
-            FolderClass(
+            wire.FolderClass(
                 name=labels.name,
                 boxes=labels.boxes,
                 measured_as=labels.measured_as,
@@ -384,14 +371,16 @@ def _shown(
     )
 
 
-def _painted(frame: DrawnFrame) -> PaintedFrame:
+def _painted(frame: DrawnFrame) -> wire.PaintedFrame:
     width, height = frame.wh
-    return PaintedFrame(
+    return wire.PaintedFrame(
         key=frame.key,
         width=width,
         height=height,
         jpeg=None if frame.jpeg is None else b64encode(frame.jpeg).decode(),
-        boxes=tuple(PaintedBox.model_validate(box._asdict()) for box in frame.boxes),
+        boxes=tuple(
+            wire.PaintedBox.model_validate(box._asdict()) for box in frame.boxes
+        ),
     )
 
 
@@ -464,7 +453,7 @@ class _Response:
         except LayoutError as fault:
             self.faulty += 1
             told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
-            frame = FolderFrame(
+            frame = wire.FolderFrame(
                 key=source.key,
                 annotation=None,
                 annotation_text=None,
@@ -518,7 +507,7 @@ class _Response:
         strange = self._strange(found.layout, {path for path, _ in listed})
         for path, why in (*self.task.refused, *listed, *strange):
             self.unmatched += 1
-            self.write(UnmatchedFile(path=path, why=why))
+            self.write(wire.UnmatchedFile(path=path, why=why))
 
     def _strange(self, layout: str, listed: set[str]) -> Iterator[tuple[str, str]]:
         """Files that belong to no frame, and that no reader of the layout opens."""

@@ -53,6 +53,7 @@ from app.logs import current_request_id
 from app.measuring.active import PlanCache
 from app.storage.room import require_room
 from filter_core.formats.recording import known_layouts
+from unghost.wire import frames as wire
 from unghost.wire.folders import (
     FolderEnd,
     FolderFrame,
@@ -60,14 +61,6 @@ from unghost.wire.folders import (
     LayoutName,
     UnmatchedFile,
 )
-from unghost.wire.frames import (
-    BatchEnd,
-    BatchLine,
-    KnownFrame,
-    KnownFrames,
-    KnownFramesIn,
-)
-from unghost.wire.frames import StoredFrame as FrameAnswer
 from unghost.wire.model import Problem, ResponseModel
 
 ARCHIVE: Final = "application/x-tar"
@@ -112,8 +105,8 @@ CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
     "/datasets/{dataset}/batches",
     response_class=Response,
     responses=lines_of(
-        BatchLine,
-        BatchEnd,
+        wire.BatchLine,
+        wire.BatchEnd,
         description="A line per frame as soon as it is stored, and a last one.",
     ),
     openapi_extra={**LARGE_BODY, **ARCHIVE_BODY},
@@ -196,13 +189,13 @@ class BatchResponse(Response):
             return  # the response cannot be delivered
         except Exception as error:
             why["problem"] = self._problem(error)
-        yield _line(BatchEnd(end=True, frames=told.total(), **why, **told))
+        yield _line(wire.BatchEnd(end=True, frames=told.total(), **why, **told))
 
     def _told(self, frame: EndedFrame, told: Counter[str]) -> bytes:
         """The line of a frame; also counts the frame."""
         if isinstance(frame, RefusedFrame):
             status, kind = refusal_of(frame.error).status, "refused"
-            line = BatchLine(
+            line = wire.BatchLine(
                 key=frame.key,
                 status=status,
                 frame_id=None,
@@ -215,7 +208,7 @@ class BatchResponse(Response):
             is_new = isinstance(frame, NewFrame)
             status, kind = (201, "stored") if is_new else (200, "same")
             notes = frame.ready.measured.notes if isinstance(frame, NewFrame) else ()
-            line = BatchLine(
+            line = wire.BatchLine(
                 key=frame.key,
                 status=status,
                 frame_id=frame.frame_id,
@@ -234,7 +227,7 @@ class BatchResponse(Response):
         )
 
 
-def _line(line: BatchLine | BatchEnd) -> bytes:
+def _line(line: wire.BatchLine | wire.BatchEnd) -> bytes:
     told = line.model_dump(mode="json")
     return json.dumps(told, ensure_ascii=False).encode() + b"\n"
 
@@ -307,8 +300,8 @@ async def frame_upload(key: FrameKey, parts: FrameParts) -> UploadedFrame:
 @upload_router.put(
     "/datasets/{dataset}/frames/{key:any}",
     status_code=201,
-    response_model=FrameAnswer,
-    responses={200: {"model": FrameAnswer, "description": "Stored already."}},
+    response_model=wire.StoredFrame,
+    responses={200: {"model": wire.StoredFrame, "description": "Stored already."}},
     openapi_extra=described_body(),
 )
 async def put_frame(
@@ -362,19 +355,22 @@ async def until_left(request: Request) -> AsyncIterator[threading.Event]:
 
 
 @known_frames_router.post(
-    "/datasets/{dataset}/known-frames", response_model=KnownFrames
+    "/datasets/{dataset}/known-frames", response_model=wire.KnownFrames
 )
 def find_known_frames(
-    caller: Reviewer, dataset: DatasetName, body: KnownFramesIn, session: ReadSession
-) -> KnownFrames:
+    caller: Reviewer,
+    dataset: DatasetName,
+    body: wire.KnownFramesIn,
+    session: ReadSession,
+) -> wire.KnownFrames:
     """Which of up to 1000 keys are stored, each with the digest of its content."""
     found = DatasetRepository(session).named(dataset)
     known = tuple(
-        KnownFrame(key=key, frame_id=row.frame_id, digest=row.content_digest)
+        wire.KnownFrame(key=key, frame_id=row.frame_id, digest=row.content_digest)
         for key, row in sorted(key_rows(session, found.id, body.keys).items())
         if row.frame_id is not None and row.content_digest is not None
     )
-    return KnownFrames(items=known)
+    return wire.KnownFrames(items=known)
 
 
 def _known_layout(name: str) -> str:

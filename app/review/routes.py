@@ -25,24 +25,12 @@ from app.review.coached import coached_boxes
 from app.review.history import history
 from app.review.queue import next_boxes, remaining_boxes
 from app.review.service import import_answers, review_box, undo_answer
-from unghost.wire.boxes import (
-    AnswersIn,
-    BulkIn,
-    Coached,
-    History,
-    ImportedAnswers,
-    Queue,
-    QueueIn,
-    Review,
-    ReviewBatch,
-    ReviewIn,
-    UndoneBatch,
-)
+from unghost.wire import boxes as wire
 
 history_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
-@history_router.get("/boxes/{box_id}/history", response_model=History)
+@history_router.get("/boxes/{box_id}/history", response_model=wire.History)
 def get_history(
     caller: Viewer,
     box_id: RowId,
@@ -59,11 +47,11 @@ def get_history(
 queue_router = ApiRouter(prefix="/api/v1", tag="queue")
 
 
-@queue_router.post("/datasets/{dataset}/queue", response_model=Queue)
+@queue_router.post("/datasets/{dataset}/queue", response_model=wire.Queue)
 def take_from_queue(
     caller: Reviewer,
     dataset: DatasetName,
-    body: QueueIn,
+    body: wire.QueueIn,
     session: WriteSession,
     services: AppServices,
 ) -> Response:
@@ -75,7 +63,7 @@ def take_from_queue(
     return json_response(boxes, headers=NO_STORE)
 
 
-@queue_router.get("/datasets/{dataset}/coached", response_model=Coached)
+@queue_router.get("/datasets/{dataset}/coached", response_model=wire.Coached)
 def get_coached(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """The boxes by which the caller learns to answer; their truth is known."""
     found = DatasetRepository(session).named(dataset)
@@ -88,13 +76,13 @@ router = ApiRouter(prefix="/api/v1", tag="reviews")
 @router.post(
     "/boxes/{box_id}/reviews",
     status_code=201,
-    response_model=Review,
-    responses={200: {"model": Review, "description": "Stored already."}},
+    response_model=wire.Review,
+    responses={200: {"model": wire.Review, "description": "Stored already."}},
 )
 def create_review(
     caller: Reviewer,
     box_id: RowId,
-    body: ReviewIn,
+    body: wire.ReviewIn,
     services: AppServices,
     audit: Audited,
 ) -> Response:
@@ -111,7 +99,9 @@ def create_review(
 
 
 @router.post(
-    "/boxes/{box_id}/reviews/{revision}/undo", status_code=201, response_model=Review
+    "/boxes/{box_id}/reviews/{revision}/undo",
+    status_code=201,
+    response_model=wire.Review,
 )
 def undo_review(
     caller: Reviewer,
@@ -130,9 +120,9 @@ def undo_review(
     return commit_and_respond(audit.session, json_response(review, 201))
 
 
-@router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
+@router.post("/reviews/bulk", status_code=201, response_model=wire.ReviewBatch)
 def create_bulk_review(
-    caller: Reviewer, body: BulkIn, services: AppServices, audit: Audited
+    caller: Reviewer, body: wire.BulkIn, services: AppServices, audit: Audited
 ) -> Response:
     """Give many boxes one answer; a single undo takes it back on all of them.
 
@@ -145,7 +135,7 @@ def create_bulk_review(
     return commit_and_respond(audit.session, response)
 
 
-@router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
+@router.post("/review-batches/{batch_id}/undo", response_model=wire.UndoneBatch)
 def undo_bulk_review(
     caller: Reviewer, batch_id: RowId, services: AppServices, audit: Audited
 ) -> Response:
@@ -157,11 +147,11 @@ def undo_bulk_review(
     return commit_and_respond(audit.session, json_response(undone))
 
 
-@router.post("/datasets/{dataset}/reviews/import", response_model=ImportedAnswers)
+@router.post("/datasets/{dataset}/reviews/import", response_model=wire.ImportedAnswers)
 def import_reviews(
     caller: Admin,
     dataset: DatasetName,
-    body: AnswersIn,
+    body: wire.AnswersIn,
     services: AppServices,
     audit: Audited,
 ) -> Response:

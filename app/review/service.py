@@ -45,18 +45,12 @@ from app.review.queries import (
 )
 from app.security import Principal
 from app.verdicts import effective_verdict
-from unghost.wire.boxes import (
-    MOST_UNKNOWN,
-    AnswersIn,
-    ImportedAnswers,
-    Review,
-    ReviewIn,
-)
+from unghost.wire import boxes as wire
 
 
 def review_box(
-    audit: AuditTrail, box_id: int, given: ReviewIn, by: Principal, *, most: int
-) -> Review:
+    audit: AuditTrail, box_id: int, given: wire.ReviewIn, by: Principal, *, most: int
+) -> wire.Review:
     """Store an answer on a box; `most` is how many a person may give on one box.
 
     An answer that repeats the person's own latest one is not stored again: that one is
@@ -105,7 +99,7 @@ def review_box(
 
 def undo_answer(
     audit: AuditTrail, box_id: int, revision: int, by: Principal, *, most: int
-) -> Review:
+) -> wire.Review:
     """Undo the answer that gave a box this revision: repeat the answer before it.
 
     If it is another person's, this is noted in the audit log. An undo counts as an
@@ -147,8 +141,8 @@ def undo_answer(
 
 
 def import_answers(
-    audit: AuditTrail, dataset: Dataset, body: AnswersIn
-) -> ImportedAnswers:
+    audit: AuditTrail, dataset: Dataset, body: wire.AnswersIn
+) -> wire.ImportedAnswers:
     """Store answers that were given somewhere else, with their reviewers and times.
 
     They are marked as imported, in the order of their times. An answer on a box that
@@ -191,14 +185,16 @@ def import_answers(
             dataset.name,
             answers=outcomes["imported"],
             skipped=outcomes.total() - outcomes["imported"],
-            reviewers=sorted({answer.reviewer for answer in answers})[:MOST_UNKNOWN],
+            reviewers=sorted({answer.reviewer for answer in answers})[
+                : wire.MOST_UNKNOWN
+            ],
         )
-    return ImportedAnswers(
+    return wire.ImportedAnswers(
         imported=outcomes["imported"],
         already=outcomes["already"],
         newer=outcomes["newer"],
         unknown=outcomes["unknown"],
-        unknown_boxes=tuple(unknown[:MOST_UNKNOWN]),
+        unknown_boxes=tuple(unknown[: wire.MOST_UNKNOWN]),
     )
 
 
@@ -240,8 +236,8 @@ def require_place(
             )
 
 
-def _stored(box: CurrentBox, answer: NewAnswer, revision: int) -> Review:
-    return Review(
+def _stored(box: CurrentBox, answer: NewAnswer, revision: int) -> wire.Review:
+    return wire.Review(
         box_id=box.box_id,
         revision=revision,
         verdict=answer.verdict,

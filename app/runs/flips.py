@@ -64,17 +64,9 @@ from filter_core.verdicts import (
     Decisions,
     Reason,
 )
+from unghost.wire import runs as wire
 from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram
-from unghost.wire.runs import (
-    Diff,
-    Flip,
-    FlipCounts,
-    Flips,
-    FlipSide,
-    Preview,
-    TruthScores,
-)
 from unghost.wire.words import FlipCause, Truth
 
 _REASONS: Final = len(VERDICT_OF_REASON)
@@ -154,11 +146,13 @@ class FlipTable:
         """How many boxes of each class have another verdict, if any have."""
         return self._by_class(_FLIPS)
 
-    def sides(self) -> dict[str, FlipCounts]:
+    def sides(self) -> dict[str, wire.FlipCounts]:
         """How many boxes flipped in each direction, by class, if any did."""
         sides = {side: self._by_class(which) for side, which in _SIDES.items()}
         return {
-            name: FlipCounts(**{side: of.get(name, 0) for side, of in sides.items()})
+            name: wire.FlipCounts(
+                **{side: of.get(name, 0) for side, of in sides.items()}
+            )
             for name in self.names
             if any(name in of for of in sides.values())
         }
@@ -182,7 +176,7 @@ class _Nearest:
 
     def __init__(self, limit: int, after: tuple[float, int] | None = None) -> None:
         self._limit, self._after = limit, after
-        self.found: list[tuple[float, int, Flip]] = []
+        self.found: list[tuple[float, int, wire.Flip]] = []
 
     def add(self, before: _Decided, after: _Decided, flips: IntArray) -> None:
         """Add the nearest among the flips of a part of a dataset."""
@@ -247,14 +241,14 @@ class _Decided:
         distances: FloatArray = np.abs(margins)
         return distances
 
-    def sides(self, places: IntArray) -> list[FlipSide]:
+    def sides(self, places: IntArray) -> list[wire.FlipSide]:
         """The decisions on boxes with these indexes."""
         rows = self.rows_of(places)
         matches = floats_or_none(self.evidence.shown_match(rows))
         thresholds = floats_or_none(self.decisions.threshold[rows])
         reasons = map(Reason, self.reasons[places].tolist())
         return [
-            FlipSide(
+            wire.FlipSide(
                 verdict=reason.verdict.value,
                 reason=reason.label,
                 match_percent=match,
@@ -290,12 +284,12 @@ def _causes(
     ]
 
 
-def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
+def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[wire.Flip]:
     """The flips of boxes with these indexes, still without their rectangles."""
     rows = after.rows_of(places)
     names = after.evidence.class_names
     return [
-        Flip(
+        wire.Flip(
             box_id=box_id,
             frame_id=frame_id,
             class_name=names[class_index],
@@ -319,8 +313,8 @@ def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
 
 
 def _with_rectangles(
-    session: Session, flips: Sequence[Flip], measurement_id: int
-) -> tuple[Flip, ...]:
+    session: Session, flips: Sequence[wire.Flip], measurement_id: int
+) -> tuple[wire.Flip, ...]:
     """The flips with the rectangles of their boxes under a measurement."""
     rows = EvidenceRepository(session).numbers_of_frames(
         (flip.frame_id for flip in flips), measurement_id
@@ -354,14 +348,14 @@ def preview(
     dataset: Dataset,
     config: FilterConfig,
     limits: PreviewLimits,
-) -> Preview:
+) -> wire.Preview:
     """The counts, histograms and flips of a configuration that is not applied."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     plan = in_version(session, dataset, plan, version_of(measurement))
     if needs_pixels(session, dataset, plan):
-        unknown = Preview.model_fields.keys() - {"config", "needs_pixels"}
-        return Preview(
+        unknown = wire.Preview.model_fields.keys() - {"config", "needs_pixels"}
+        return wire.Preview(
             config=config.digest, needs_pixels=True, **dict.fromkeys(unknown)
         )
     is_recounted = not plan.is_covered_by(measurement.options)
@@ -407,7 +401,7 @@ def preview(
         for _, box_id, flip in nearest.found
     ]
     before_and_after = [described(of_side) for of_side in scores]
-    return Preview(
+    return wire.Preview(
         config=config.digest,
         needs_pixels=False,
         **outcome(names, table.after),
@@ -416,13 +410,13 @@ def preview(
             names, shares[1], pixels, limits_of.min_visible_percent
         ),
         decided_by={name: boxes for name, boxes in kinds.items() if boxes},
-        flips=Flips(
+        flips=wire.Flips(
             total=sum(table.flips().values()),
             **table.totals(),
             by_class=table.sides(),
             items=_with_rectangles(session, shown, measurement.id),
         ),
-        scores=TruthScores(
+        scores=wire.TruthScores(
             boxes=scores[1].boxes, before=before_and_after[0], after=before_and_after[1]
         )
         if truth
@@ -477,7 +471,7 @@ def run_diff(
     runs: tuple[Run, Run],
     limit: int,
     cursor: str | None = None,
-) -> Diff:
+) -> wire.Diff:
     """Counts of boxes whose verdict differs, and a page of them after the cursor.
 
     Nearest to a threshold first.
@@ -522,7 +516,7 @@ def run_diff(
         distance, box_id, _ = listed[-1]
         following = cursor_after(distance, box_id)
     by_class, sides = table.flips(), table.sides()
-    return Diff(
+    return wire.Diff(
         run=runs[1].id,
         against=runs[0].id,
         compared=table.compared,

@@ -55,17 +55,9 @@ from app.runs.service import (
     run_activating,
 )
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
+from unghost.wire import runs as wire
 from unghost.wire.datasets import FilterConfigIn
 from unghost.wire.model import Page
-from unghost.wire.runs import (
-    ActivateIn,
-    ConfigVersion,
-    Diff,
-    Preview,
-    PreviewIn,
-    Run,
-    RunIn,
-)
 from unghost.wire.words import JobState
 
 _MEDIA_TYPES: Final = (
@@ -114,7 +106,9 @@ def described_config() -> dict[str, object]:
 configs_router = ApiRouter(prefix="/api/v1", tag="configs")
 
 
-@configs_router.get("/datasets/{dataset}/configs", response_model=Page[ConfigVersion])
+@configs_router.get(
+    "/datasets/{dataset}/configs", response_model=Page[wire.ConfigVersion]
+)
 def list_configs(
     caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
@@ -127,8 +121,8 @@ def list_configs(
 @configs_router.post(
     "/datasets/{dataset}/configs",
     status_code=201,
-    response_model=ConfigVersion,
-    responses={200: {"model": ConfigVersion, "description": "Stored already."}},
+    response_model=wire.ConfigVersion,
+    responses={200: {"model": wire.ConfigVersion, "description": "Stored already."}},
     openapi_extra=described_config(),
 )
 def create_config(
@@ -159,7 +153,7 @@ def get_config(
     caller: Viewer,
     digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")],
     session: ReadSession,
-) -> ConfigVersion:
+) -> wire.ConfigVersion:
     """A version by its digest."""
     version = ConfigRepository(session).with_digest(digest)
     dataset = DatasetRepository(session).with_id(version.dataset_id)
@@ -169,7 +163,7 @@ def get_config(
 @configs_router.get("/datasets/{dataset}/config")
 def get_active_config(
     caller: Viewer, dataset: DatasetName, session: ReadSession, response: Response
-) -> ConfigVersion:
+) -> wire.ConfigVersion:
     """The active version, by which boxes are decided now; its `ETag` is the digest."""
     found = DatasetRepository(session).named(dataset)
     version = describe_version(found, active_version(session, found))
@@ -186,11 +180,13 @@ IfMatch = Annotated[
 ]
 
 
-@configs_router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
+@configs_router.put(
+    "/datasets/{dataset}/config", status_code=202, response_model=wire.Run
+)
 def activate_config(
     caller: Reviewer,
     dataset: DatasetName,
-    body: ActivateIn,
+    body: wire.ActivateIn,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
@@ -237,10 +233,10 @@ def activate_config(
 def preview_config(
     caller: Reviewer,
     dataset: DatasetName,
-    body: PreviewIn,
+    body: wire.PreviewIn,
     session: ReadSession,
     services: AppServices,
-) -> Preview:
+) -> wire.Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
     found = DatasetRepository(session).named(dataset)
     config = load_config(body.config.root).after(active_config(session, found))
@@ -256,7 +252,7 @@ State = Annotated[
 ]
 
 
-@router.get("/datasets/{dataset}/runs", response_model=Page[Run])
+@router.get("/datasets/{dataset}/runs", response_model=Page[wire.Run])
 def list_runs(
     caller: Viewer,
     dataset: DatasetName,
@@ -271,7 +267,7 @@ def list_runs(
     return wanted.response(rows, describing_runs(services, session, rows))
 
 
-@router.get("/runs", response_model=Page[Run])
+@router.get("/runs", response_model=Page[wire.Run])
 def list_all_runs(
     caller: Viewer,
     wanted: Newest,
@@ -284,11 +280,11 @@ def list_all_runs(
     return wanted.response(rows, describing_runs(services, session, rows))
 
 
-@router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
+@router.post("/datasets/{dataset}/runs", status_code=202, response_model=wire.Run)
 def create_run(
     caller: Reviewer,
     dataset: DatasetName,
-    body: RunIn,
+    body: wire.RunIn,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
@@ -315,14 +311,16 @@ def create_run(
 @router.get("/runs/{run_id}")
 def get_run(
     caller: Viewer, run_id: RowId, session: ReadSession, services: AppServices
-) -> Run:
+) -> wire.Run:
     """A run and its progress."""
     run = job_with_id(session, tables.Run, run_id)
     return described_run(services, session, run)
 
 
 @router.get(
-    "/runs/{run_id}/events", response_class=Response, responses=events_of(Run, "run")
+    "/runs/{run_id}/events",
+    response_class=Response,
+    responses=events_of(wire.Run, "run"),
 )
 async def watch_run(
     caller: Viewer,
@@ -335,7 +333,7 @@ async def watch_run(
     return await watch(request, services, RUNS, run_id, last_event_id)
 
 
-@router.post("/runs/{run_id}/cancel", status_code=202, response_model=Run)
+@router.post("/runs/{run_id}/cancel", status_code=202, response_model=wire.Run)
 def stop_run(
     caller: Reviewer,
     run_id: RowId,
@@ -352,7 +350,7 @@ def stop_run(
 
 @router.get(
     "/runs/{run_id}/diff",
-    response_model=Diff,
+    response_model=wire.Diff,
     responses={409: {"description": "One of the runs is not done."}},
 )
 def compare_runs(
