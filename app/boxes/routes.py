@@ -27,6 +27,7 @@ from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.engine.children import CallCancelled, PixelsRefused
 from app.errors import BadRequest
+from app.http import files
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
@@ -40,32 +41,12 @@ from app.http.deps import (
     current_principal,
     make_room,
 )
-from app.http.files import (
-    FILE,
-    IMMUTABLE,
-    PICTURE,
-    RESUMABLE,
-    REVALIDATE,
-    TAGGED,
-    WEBP,
-    blob_headers,
-    file_response,
-    is_known,
-    known_response,
-)
 from app.http.pages import json_response, page_response, page_with_link
 from app.http.routing import CLIENT_LEFT, ApiRouter, asks_for_head, has_left
 from app.storage.base import BlobStore
 from filter_core.values import similar
 from unghost.wire import boxes as wire
-from unghost.wire.frames import (
-    CropQuery,
-    Frame,
-    FrameSummary,
-    OverlayQuery,
-    Report,
-    ThumbnailQuery,
-)
+from unghost.wire import frames as wire_frames
 from unghost.wire.model import Page
 from unghost.wire.words import FileKind
 
@@ -91,10 +72,10 @@ async def drawn_response(
             return plan(services.storage, session)
 
     drawing = await run_in_threadpool(planned)
-    headers = blob_headers(drawing.tag) | {
-        "Cache-Control": IMMUTABLE if version else REVALIDATE
+    headers = files.blob_headers(drawing.tag) | {
+        "Cache-Control": files.IMMUTABLE if version else files.REVALIDATE
     }
-    if is_known(request, headers["ETag"]):
+    if files.is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if asks_for_head(request):  # drawing it just for its length would be a waste
         unknown = Response(media_type=drawing.media_type, headers=headers)
@@ -253,15 +234,15 @@ def get_slice(
 @crops_router.get(
     "/boxes/{box_id}/crop",
     response_class=Response,
-    responses=WEBP,
-    openapi_extra=TAGGED,
+    responses=files.WEBP,
+    openapi_extra=files.TAGGED,
 )
 async def get_crop(
     caller: Viewer,
     request: Request,
     box_id: RowId,
     services: AppServices,
-    query: Annotated[CropQuery, Query()],
+    query: Annotated[wire_frames.CropQuery, Query()],
 ) -> Response:
     """The part of the frame around a box as WebP."""
     plan = partial(frames.crop_of, box_id=box_id, wanted=query)
@@ -274,15 +255,15 @@ pictures_router = ApiRouter(prefix="/api/v1", tag="frames")
 @pictures_router.get(
     "/frames/{frame_id}/thumbnail",
     response_class=Response,
-    responses=WEBP,
-    openapi_extra=TAGGED,
+    responses=files.WEBP,
+    openapi_extra=files.TAGGED,
 )
 async def get_thumbnail(
     caller: Viewer,
     request: Request,
     frame_id: RowId,
     services: AppServices,
-    query: Annotated[ThumbnailQuery, Query()],
+    query: Annotated[wire_frames.ThumbnailQuery, Query()],
 ) -> Response:
     """The image as WebP, not wider than asked for."""
 
@@ -295,15 +276,15 @@ async def get_thumbnail(
 @pictures_router.get(
     "/frames/{frame_id}/overlay",
     response_class=Response,
-    responses=PICTURE,
-    openapi_extra=TAGGED,
+    responses=files.PICTURE,
+    openapi_extra=files.TAGGED,
 )
 async def get_overlay(
     caller: Viewer,
     request: Request,
     frame_id: RowId,
     services: AppServices,
-    query: Annotated[OverlayQuery, Query()],
+    query: Annotated[wire_frames.OverlayQuery, Query()],
 ) -> Response:
     """A layer of the frame with its boxes as WebP; without boxes, lossless PNG."""
     plan = partial(frames.overlay_of, frame_id=frame_id, wanted=query)
@@ -313,8 +294,8 @@ async def get_overlay(
 @pictures_router.get(
     "/frames/{frame_id}/{kind}",
     response_class=Response,
-    responses=FILE,
-    openapi_extra=RESUMABLE,
+    responses=files.FILE,
+    openapi_extra=files.RESUMABLE,
 )
 def get_file(
     caller: Viewer,
@@ -326,27 +307,29 @@ def get_file(
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
     file = frames.frame_file(session, frame_id, kind)
-    known = known_response(request, file.sha256)
+    known = files.known_response(request, file.sha256)
     if known is not None:
         return known
     if asks_for_head(request):  # only a GET compares the content with its hash
         blob = services.storage.open(file.sha256, size_bytes=file.size_bytes)
-        return file_response(request, blob, file.sha256, file.media_type)
+        return files.file_response(request, blob, file.sha256, file.media_type)
     blob = services.storage.open_verified(file.sha256, size_bytes=file.size_bytes)
-    return file_response(request, blob, file.sha256, file.media_type)
+    return files.file_response(request, blob, file.sha256, file.media_type)
 
 
 frames_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
-@frames_router.get("/datasets/{dataset}/report", response_model=Report)
+@frames_router.get("/datasets/{dataset}/report", response_model=wire_frames.Report)
 def get_report(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """Where the ghosts are: by distance, and the frames with the most of them."""
     found = DatasetRepository(session).named(dataset)
     return json_response(frames.report_of(session, found))
 
 
-@frames_router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])
+@frames_router.get(
+    "/datasets/{dataset}/frames", response_model=Page[wire_frames.FrameSummary]
+)
 def list_frames(
     caller: Viewer,
     request: Request,
@@ -367,7 +350,9 @@ def list_frames(
     return page_response(request, items, following)
 
 
-@frames_router.get("/datasets/{dataset}/frames/{key:any}", response_model=Frame)
+@frames_router.get(
+    "/datasets/{dataset}/frames/{key:any}", response_model=wire_frames.Frame
+)
 def get_frame_by_key(
     caller: Viewer, dataset: DatasetName, key: FrameKey, session: ReadSession
 ) -> Response:
@@ -393,7 +378,7 @@ def delete_frame(
     return Response(status_code=204)
 
 
-@frames_router.get("/frames/{frame_id}", response_model=Frame)
+@frames_router.get("/frames/{frame_id}", response_model=wire_frames.Frame)
 def get_frame(caller: Viewer, frame_id: RowId, session: ReadSession) -> Response:
     """A frame with its boxes, their evidence, decisions and answers."""
     return json_response(frames.describe_frame(session, frame_id))

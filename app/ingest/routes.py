@@ -53,14 +53,8 @@ from app.logs import current_request_id
 from app.measuring.active import PlanCache
 from app.storage.room import require_room
 from filter_core.formats.recording import known_layouts
+from unghost.wire import folders
 from unghost.wire import frames as wire
-from unghost.wire.folders import (
-    FolderEnd,
-    FolderFrame,
-    FolderHead,
-    LayoutName,
-    UnmatchedFile,
-)
 from unghost.wire.model import Problem, ResponseModel
 
 ARCHIVE: Final = "application/x-tar"
@@ -385,10 +379,10 @@ def _known_layout(name: str) -> str:
     "/folders",
     response_class=Response,
     responses=lines_of(
-        FolderHead,
-        FolderFrame,
-        UnmatchedFile,
-        FolderEnd,
+        folders.FolderHead,
+        folders.FolderFrame,
+        folders.UnmatchedFile,
+        folders.FolderEnd,
         description="A line about the folder, one per frame, one per file that belongs "
         "to no frame, and a last line with the inspection.",
     ),
@@ -399,7 +393,7 @@ async def read_folder(
     request: Request,
     services: AppServices,
     layout: Annotated[
-        LayoutName,
+        folders.LayoutName,
         AfterValidator(_known_layout),
         Query(description="How the files of the folder are arranged."),
     ] = "auto",

@@ -17,16 +17,7 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.boxes.current import (
-    Decided,
-    DecisionRepository,
-    classified_again,
-    decided_again,
-    doubt_again,
-    measured_again,
-    recount_tallies,
-    replace_tallies,
-)
+from app.boxes import current
 from app.boxes.filter import TallyKey
 from app.boxes.queries import LatestAnswers
 from app.catalog.datasets import DatasetRepository
@@ -91,7 +82,7 @@ def decide_all(task: Task[Run]) -> None:
             activation.decide(former, numbers, active, scope.config)
         run.previous_run_id = dataset.active_run_id
         if run.activate:
-            replace_tallies(session, dataset.id, activation.tallies)
+            current.replace_tallies(session, dataset.id, activation.tallies)
             measurement = EvidenceRepository(session).measurement_with_id(
                 scope.measurement_id
             )
@@ -123,8 +114,8 @@ def refresh_doubt(context: ServiceContext) -> None:
             measurement = filled(dataset.active_measurement_id)
             cache = context.one(ColumnCache)
             for (numbers,) in cache.parts(session, dataset.id, measurement):
-                doubt_again(session, numbers.box_ids, numbers.doubt(config))
-            recount_tallies(session, dataset.id)
+                current.doubt_again(session, numbers.box_ids, numbers.doubt(config))
+            current.recount_tallies(session, dataset.id)
             DatasetRepository(session).has_this_doubt(dataset)
 
 
@@ -136,7 +127,7 @@ class Activation:
         classes = DatasetRepository(session).classes(run.dataset_id)
         self.flips = FlipTable(tuple(classes))
         self.tallies: Counter[TallyKey] = Counter()
-        reviewed = DecisionRepository(session).reviewed(run.dataset_id)
+        reviewed = current.DecisionRepository(session).reviewed(run.dataset_id)
         self._reviewed = np.array([box_id for box_id, _ in reviewed], np.int64)
         self._reviews = [review for _, review in reviewed]
 
@@ -160,20 +151,22 @@ class Activation:
         self.flips.add(evidence, before.reason, after.reason)
         if not self._run.activate:
             return
-        then = Decided.of(before, former.doubt(active))
-        now = Decided.of(after, doubts(evidence, config, after).doubt)
+        then = current.Decided.of(before, former.doubt(active))
+        now = current.Decided.of(after, doubts(evidence, config, after).doubt)
         rows = int(then.differs(now).sum())
         rows += len(ids) if former is not numbers else 0
         self._progress.begin(len(ids), rows)
-        decided_again(self._session, ids, then, now, self._progress)
+        current.decided_again(self._session, ids, then, now, self._progress)
         if former is not numbers:
-            measured_again(self._session, ids, evidence, self._progress)
+            current.measured_again(self._session, ids, evidence, self._progress)
             moved = former.class_ids != numbers.class_ids
-            classified_again(self._session, ids[moved], numbers.class_ids[moved])
+            current.classified_again(
+                self._session, ids[moved], numbers.class_ids[moved]
+            )
         if len(ids):
             self._tally(numbers, now)
 
-    def _tally(self, numbers: DatasetColumns, decided: Decided) -> None:
+    def _tally(self, numbers: DatasetColumns, decided: current.Decided) -> None:
         """Count all boxes, which is cheaper and safer than counting changes."""
         # All ids are in order. `_reviewed[here]` are the reviewed boxes of this part;
         # `rows` are their positions in it.

@@ -43,17 +43,9 @@ from app.measuring.active import (
     add_version,
     describe_version,
 )
+from app.runs import service as runs
 from app.runs.flips import PreviewLimits, compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
-from app.runs.service import (
-    RUNS,
-    RunRequest,
-    coming_version,
-    described_run,
-    describing_runs,
-    request_run,
-    run_activating,
-)
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
 from unghost.wire import runs as wire
 from unghost.wire.datasets import FilterConfigIn
@@ -210,10 +202,10 @@ def activate_config(
             unused_keys=loaded.unused_keys,
         )
         digest = version.digest
-    run = run_activating(session, found, digest)
+    run = runs.run_activating(session, found, digest)
     if run is None:
         if if_match is not None:
-            coming = coming_version(session, found)
+            coming = runs.coming_version(session, found)
             tags = [tag.strip() for tag in if_match.split(",")]
             if if_match.strip() != "*" and f'"{coming.digest}"' not in tags:
                 raise StaleConfig(
@@ -222,11 +214,11 @@ def activate_config(
                     f"{if_match}",
                     current=describe_version(found, coming).model_dump(mode="json"),
                 )
-        wanted = RunRequest(digest, audit.name, activate=True)
-        run = request_run(services, session, found, wanted)
+        wanted = runs.RunRequest(digest, audit.name, activate=True)
+        run = runs.request_run(services, session, found, wanted)
         made = {"config": digest, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
-    return accepted(described_run(services, session, run))
+    return accepted(runs.described_run(services, session, run))
 
 
 @configs_router.post("/datasets/{dataset}/preview")
@@ -264,7 +256,7 @@ def list_runs(
     """Runs of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = RunRepository(session).page(wanted.page, state, found.id)
-    return wanted.response(rows, describing_runs(services, session, rows))
+    return wanted.response(rows, runs.describing_runs(services, session, rows))
 
 
 @router.get("/runs", response_model=Page[wire.Run])
@@ -277,7 +269,7 @@ def list_all_runs(
 ) -> Response:
     """Runs of all datasets, newest first."""
     rows = RunRepository(session).page(wanted.page, state)
-    return wanted.response(rows, describing_runs(services, session, rows))
+    return wanted.response(rows, runs.describing_runs(services, session, rows))
 
 
 @router.post("/datasets/{dataset}/runs", status_code=202, response_model=wire.Run)
@@ -292,7 +284,7 @@ def create_run(
     """Decide again from numbers, or measure again, as the configuration needs."""
     found = DatasetRepository(session).named(dataset)
     config = body.config
-    wanted = RunRequest(
+    wanted = runs.RunRequest(
         config
         if isinstance(config, str)
         else load_config(config.root).after(active_config(session, found)),
@@ -300,8 +292,8 @@ def create_run(
         activate=body.activate,
         measure_again=body.measure_again,
     )
-    run = request_run(services, session, found, wanted)
-    described = described_run(services, session, run)
+    run = runs.request_run(services, session, found, wanted)
+    described = runs.described_run(services, session, run)
     if run.activate:
         activated = {"config": described.config, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **activated)
@@ -314,7 +306,7 @@ def get_run(
 ) -> wire.Run:
     """A run and its progress."""
     run = job_with_id(session, tables.Run, run_id)
-    return described_run(services, session, run)
+    return runs.described_run(services, session, run)
 
 
 @router.get(
@@ -330,7 +322,7 @@ async def watch_run(
     last_event_id: LastEventId = None,
 ) -> Response:
     """The progress of a run, as server-sent events; the last one is `end`."""
-    return await watch(request, services, RUNS, run_id, last_event_id)
+    return await watch(request, services, runs.RUNS, run_id, last_event_id)
 
 
 @router.post("/runs/{run_id}/cancel", status_code=202, response_model=wire.Run)
@@ -342,8 +334,8 @@ def stop_run(
     audit: Audited,
 ) -> Response:
     """Cancel a run; its dataset does not change. 409 if the run has ended already."""
-    run = cancel(services, session, RUNS, run_id)
-    described = described_run(services, session, run)
+    run = cancel(services, session, runs.RUNS, run_id)
+    described = runs.described_run(services, session, run)
     audit.note(AuditAction.RUN_CANCELLED, run_id, dataset=described.dataset)
     return accepted(described)
 
