@@ -197,30 +197,25 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
     another server uses one of them, or the folder cannot be written to or may have been
     filled by others.
     """
-    try:
-        make_folder(settings.data)
-        datafolder.check_owner(settings)
-    except (OSError, datafolder.CannotMaintain) as exc:
-        raise _cannot_start(settings, exc) from exc
-    database = datafolder.database_file(settings)
     with ExitStack() as held:
         locks = _Locks(held)
-        if database is None:  # several servers may share PostgreSQL
-            yield locks
-            return
-        database = database.resolve()
         try:
-            locks.add(
-                settings.data.resolve() / SERVER_LOCK,
-                f"the data folder {str(settings.data)!r}",
-                "--data chooses another folder",
-            )
-            locks.add(
-                datafolder.database_lock(database),
-                f"the database {str(database)!r}",
-                "UNGHOST_DATABASE_URL chooses another database",
-            )
-        except OSError as exc:
+            make_folder(settings.data)
+            datafolder.check_owner(settings)
+            database = datafolder.database_file(settings)
+            if database is not None:  # several servers may share PostgreSQL
+                locks.add(
+                    settings.data.resolve() / SERVER_LOCK,
+                    f"the data folder {str(settings.data)!r}",
+                    "--data chooses another folder",
+                )
+                database = database.resolve()
+                locks.add(
+                    datafolder.database_lock(database),
+                    f"the database {str(database)!r}",
+                    "UNGHOST_DATABASE_URL chooses another database",
+                )
+        except (OSError, datafolder.CannotMaintain) as exc:
             raise _cannot_start(settings, exc) from exc
         yield locks
 

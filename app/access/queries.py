@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy import Connection, Row, bindparam, delete, func, or_, select, update
 
@@ -16,6 +16,7 @@ from app.db.tables.access import (
     LoginSession,
     Token,
 )
+from app.security import Principal
 from unghost.wire.words import Role
 
 _NEWEST: Final = 1000
@@ -84,10 +85,12 @@ def is_valid(
     return connection.execute(statement, values).first() is not None
 
 
-def end_of(
-    connection: Connection, token_id: int
-) -> Row[datetime | None, datetime | None] | None:
-    """When a token was revoked, and when it expires; None if there is no such token."""
+TokenEnd: TypeAlias = Row[datetime | None, datetime | None]
+"""When a token was revoked, and when it expires; None: never."""
+
+
+def end_of(connection: Connection, token_id: int) -> TokenEnd | None:
+    """The end of a token, valid or not; None if there is no such token."""
     statement = select(Token.revoked_at, Token.expires_at).where(Token.id == token_id)
     return connection.execute(statement).first()
 
@@ -175,15 +178,14 @@ class Tokens(Repository):
         """Store a session that a token opened; only its `most` newest sessions stay."""
         self._keep_newest(self.insert(opened), most)
 
-    def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
-        """When a token expires, or its session if that is earlier; None: never."""
-        token = select(Token.expires_at).where(Token.id == token_id)
-        session = select(LoginSession.expires_at).where(
-            LoginSession.hash == session_digest
-        )
+    def expiry(self, of: Principal) -> datetime | None:
+        """When a caller's token or session expires, whichever is first; None: never."""
+        token = select(Token.expires_at).where(Token.id == of.token_id)
         ends = [self._session.scalar(token)]
-        if session_digest is not None:
-            ends.append(self._session.scalar(session))
+        if of.session_hash is not None:
+            session = select(LoginSession.expires_at)
+            its_own = session.where(LoginSession.hash == of.session_hash)
+            ends.append(self._session.scalar(its_own))
         return min((end for end in ends if end is not None), default=None)
 
     def add_short_lived(self, row: LoginCode | DownloadLink, *, most: int) -> None:

@@ -109,7 +109,7 @@ def _session(session: ReadSession, principal: Principal) -> wire.Session:
     return wire.Session(
         name=principal.name,
         role=principal.role,
-        expires_at=access.expiry(session, principal),
+        expires_at=Tokens(session).expiry(principal),
     )
 
 

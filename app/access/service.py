@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import Connection, Row
+from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
-from app.access.queries import Tokens, end_of, is_valid
+from app.access.queries import TokenEnd, Tokens, end_of, is_valid
 from app.db.base import existing, rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
@@ -100,18 +100,13 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     secret = new_secret(SESSION_PREFIX)
     ends = utc_now() + lifetime
     if audit.actor is not None:
-        ends = min(ends, expiry(audit.session, audit.actor) or ends)
+        ends = min(ends, Tokens(audit.session).expiry(audit.actor) or ends)
     opened = LoginSession(
         hash=hash_secret(secret), token_id=audit.token_id, expires_at=ends
     )
     Tokens(audit.session).open_session(opened, most=MOST_SESSIONS)
     audit.note(AuditAction.SESSION_OPENED, audit.name, by=by)
     return secret
-
-
-def expiry(session: Session, principal: Principal) -> datetime | None:
-    """When the caller's token or session expires; None: never."""
-    return Tokens(session).expiry(principal.token_id, principal.session_hash)
 
 
 def issue(
@@ -236,7 +231,7 @@ def check_link(session: Session, key: str, export_id: int) -> None:
 
 
 def _refused(
-    token: Token | Row[datetime | None, datetime | None] | None,
+    token: Token | TokenEnd | None,
     now: datetime,
     unknown: str = _NO_ENTRY,
     otherwise: str = "",

@@ -33,15 +33,8 @@ from sqlalchemy.orm import undefer
 from app.boxes.filter import BoxFilter
 from app.catalog.datasets import is_deleted
 from app.catalog.frames import current_in, only_in
+from app.db import bulk
 from app.db.base import Repository, existing, utc_now
-from app.db.bulk import (
-    chunks,
-    insert_columns,
-    insert_of_dialect,
-    insert_rows,
-    run,
-    run_each,
-)
 from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
@@ -219,7 +212,7 @@ class FrameRepository(Repository):
     def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:
         """Boxes in the order of `box_ids`; those that no longer exist are left out."""
         found: dict[int, _BoxRow] = {}
-        for chunk in chunks(box_ids):
+        for chunk in bulk.chunks(box_ids):
             rows = self._session.connection().execute(_NAMED_BOXES, {"boxes": chunk})
             found |= {row[0]: row for row in rows}
         return _columns([found[box_id] for box_id in box_ids if box_id in found])
@@ -240,7 +233,7 @@ class FrameRepository(Repository):
         """
         found: list[FramePlace] = []
         total = 0
-        rows = run(self._session, _frames_after(wanted), after=after, most=boxes)
+        rows = bulk.run(self._session, _frames_after(wanted), after=after, most=boxes)
         with closing(rows):
             for row in rows:
                 total += row[-1]
@@ -262,7 +255,7 @@ class FrameRepository(Repository):
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
         """The senders' own ids of boxes."""
         found: dict[int, str] = {}
-        for chunk in chunks(box_ids):
+        for chunk in bulk.chunks(box_ids):
             rows = select(Box.id, Box.source_id).where(Box.id.in_(chunk))
             found |= {row[0]: row[1] for row in self._session.execute(rows)}
         return found
@@ -431,7 +424,7 @@ class FrameRepository(Repository):
 
     def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
         """Reserve this many ids of frames and of boxes; returns the first of each."""
-        rows = run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
+        rows = bulk.run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
         after = dict(rows.all())
         if not after.keys() >= {"frames", "boxes"}:
             raise RuntimeError(f"the table id_blocks has only {sorted(after)}")
@@ -454,18 +447,18 @@ class FrameRepository(Repository):
             }
             for file in distinct.values()
         ]
-        run_each(session, _new_blobs(session.connection().dialect.name), blobs)
-        insert_rows(session, Frame, frames)
+        bulk.run_each(session, _new_blobs(session.connection().dialect.name), blobs)
+        bulk.insert_rows(session, Frame, frames)
         files_of_frames = [
             {"frame_id": frame_id, "kind": file.kind, "sha256": file.sha256}
             for frame_id, each in files.items()
             for file in each
         ]
-        insert_rows(session, FrameFile, files_of_frames)
+        bulk.insert_rows(session, FrameFile, files_of_frames)
 
     def add_boxes(self, columns: Mapping[str, Sequence[object]]) -> None:
         """Insert boxes; `app.boxes.current.add` inserts their decisions."""
-        insert_columns(self._session, Box, columns)
+        bulk.insert_columns(self._session, Box, columns)
 
     def remove(self, dataset_id: int, key: str) -> None:
         """Delete every revision under a key."""
@@ -480,7 +473,7 @@ class FrameRepository(Repository):
 
 @lru_cache
 def _new_blobs(dialect: str) -> Executable:
-    return insert_of_dialect(dialect, Blob).on_conflict_do_nothing()
+    return bulk.insert_of_dialect(dialect, Blob).on_conflict_do_nothing()
 
 
 class LatestReview(NamedTuple):
@@ -505,7 +498,7 @@ class LatestAnswers(Repository):
         """The latest answer on each box that has one."""
         columns = [getattr(Review, name) for name in LatestReview._fields]
         found: dict[int, LatestReview] = {}
-        for chunk in chunks(box_ids):
+        for chunk in bulk.chunks(box_ids):
             newest = (
                 select(Review.box_id, func.max(Review.revision).label("revision"))
                 .where(Review.box_id.in_(chunk))

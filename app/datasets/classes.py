@@ -17,12 +17,7 @@ from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.tables import Dataset, Run
 from app.errors import Conflict, NoSuchClass
-from app.runs.service import (
-    RunRequest,
-    coming_settings,
-    is_renaming_classes,
-    request_run,
-)
+from app.runs import service as runs
 from filter_core.values import similar
 
 
@@ -44,7 +39,7 @@ def rename_class(
             f"into it to make them one",
             code="class_exists",
         )
-    reading, _ = coming_settings(session, dataset)
+    reading, _ = runs.coming_settings(session, dataset)
     owner = reading.renamed_classes.get(name, former)
     if owner != former:
         raise Conflict(
@@ -104,7 +99,7 @@ def _changeable(session: Session, dataset: Dataset, name: str) -> dict[str, int]
             "other classes",
             code="classes_frozen",
         )
-    if is_renaming_classes(session, dataset):
+    if runs.is_renaming_classes(session, dataset):
         raise Conflict(
             f"a run is renaming classes of dataset {dataset.name!r}; change others "
             "when it has ended",
@@ -123,12 +118,12 @@ def _request(
 ) -> Run:
     session = audit.session
     DatasetRepository(session).keep_classes(dataset.id, (former, name))
-    reading, config = coming_settings(session, dataset)
+    reading, config = runs.coming_settings(session, dataset)
     renamed = {
         sent: name if now == former else now
         for sent, now in reading.renamed_classes.items()
     }
     renamed = {sent: now for sent, now in renamed.items() if sent != name}
     coming = replace(reading, renamed_classes={**renamed, former: name})
-    wanted = RunRequest(config, audit.name, True, coming)
-    return request_run(context, session, dataset, wanted)
+    wanted = runs.RunRequest(config, audit.name, True, coming)
+    return runs.request_run(context, session, dataset, wanted)

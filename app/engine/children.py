@@ -20,8 +20,8 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -51,6 +51,7 @@ _END_S: Final = 1.0
 _start_lock: Final = threading.Lock()
 """One for all pools: a start replaces the main module for a moment, and adds to a list
 that `multiprocessing` keeps of all processes without a lock."""
+_NO_PROGRAM: Final = ModuleType("__main__")
 _DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
 
 
@@ -254,8 +255,13 @@ class _Child:
         self._process = context.Process(
             target=_serve, args=(theirs, memory_bytes), name="pixels", daemon=True
         )
-        with _start_lock, _no_main_module():
-            self._process.start()
+        with _start_lock:
+            # Without it, `multiprocessing` imports no main program in the child.
+            program, sys.modules["__main__"] = sys.modules["__main__"], _NO_PROGRAM
+            try:
+                self._process.start()
+            finally:
+                sys.modules["__main__"] = program
         theirs.close()
         try:
             self._pipe.recv_bytes()  # ready: the timeout does not include the start
@@ -304,17 +310,6 @@ def ending_text(exitcode: int | None) -> str:
         with suppress(ValueError):
             return f"was ended by {signal.Signals(-exitcode).name}"
     return f"ended with exit code {exitcode}"
-
-
-@contextmanager
-def _no_main_module() -> Iterator[None]:
-    """Keep `multiprocessing` from importing the main program in a child."""
-    program = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = program
 
 
 def _serve(pipe: Connection, memory_bytes: int) -> None:

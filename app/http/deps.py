@@ -20,13 +20,7 @@ from app.errors import Forbidden
 from app.http.admission import Admission
 from app.security import Principal, includes
 from app.settings import Settings
-from app.storage.room import (
-    DELETING_BYTES,
-    DeletionSignal,
-    Reserve,
-    require_room,
-    require_room_for_answer,
-)
+from app.storage import room
 from unghost.wire.words import Role
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
@@ -104,8 +98,8 @@ def make_room(services: ServiceContext, session: Session) -> None:
     Call it after the statements that delete, and before the commit. The reserve is
     restored as soon as there is space.
     """
-    if Reserve(services.settings.data).give_up(DELETING_BYTES):
-        once_committed(session, services.one(DeletionSignal).set)
+    if room.Reserve(services.settings.data).give_up(room.DELETING_BYTES):
+        once_committed(session, services.one(room.DeletionSignal).set)
 
 
 def require_room_to_write(services: ServiceContext, session: Session) -> None:
@@ -115,7 +109,7 @@ def require_room_to_write(services: ServiceContext, session: Session) -> None:
     before has left it. Raises StorageFull: fewer than `min_free_bytes` are free.
     """
     session.connection()
-    require_room(services.settings, services.storage)
+    room.require_room(services.settings, services.storage)
 
 
 def require_room_to_answer(services: ServiceContext, session: Session) -> None:
@@ -129,7 +123,7 @@ def require_room_to_answer(services: ServiceContext, session: Session) -> None:
     session.connection()
     file = services.database.file
     if file is not None:
-        require_room_for_answer(services.settings, file.parent)
+        room.require_room_for_answer(services.settings, file.parent)
 
 
 BEARER = Depends(

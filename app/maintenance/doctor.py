@@ -29,7 +29,7 @@ from app.maintenance.queries import (
 )
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage.base import BlobStore, StoredFile, export_of
+from app.storage.base import BlobStore, StoredFile, left_over
 
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 
@@ -284,7 +284,7 @@ def file_findings(
             settled = time.time() - SETTLED_S
             rows = StoredFileRepository(session)
             frames, exports = list(rows.of_frames()), list(rows.of_exports())
-            names = {f"export-{number}" for number in rows.open_exports()}
+            at_work = rows.open_exports()
             there = {file.digest: file for file in store.files()}
             asked = 1 if is_folder else TOGETHER
             damaged = _damaged(store, there, steps, asked) if verify else None
@@ -305,11 +305,7 @@ def file_findings(
             )
             digests = [file.digest for file in unused]
             yield _unless_none(garbage, digests, "every file is in use")
-            left = [
-                path.name
-                for path, changed_at in store.leftovers()
-                if export_of(path) not in names and changed_at < settled
-            ]
+            left = [path.name for path in left_over(store, at_work, settled)]
             incomplete = Finding(
                 "leftovers",
                 Severity.NOTE,

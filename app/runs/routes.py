@@ -14,6 +14,7 @@ from app.db import tables
 from app.db.base import MAX_ID
 from app.db.pages import newest
 from app.errors import StaleConfig, UnsupportedMedia
+from app.http import pages
 from app.http.bodies import run_off_loop
 from app.http.deps import (
     AppServices,
@@ -23,14 +24,6 @@ from app.http.deps import (
     RowId,
     Viewer,
     require_room_to_write,
-)
-from app.http.pages import (
-    Cursor,
-    Limit,
-    Newest,
-    accepted,
-    json_response,
-    page_with_link,
 )
 from app.http.routing import ApiRouter, body_up_to
 from app.http.transaction import WriteSession
@@ -102,7 +95,7 @@ configs_router = ApiRouter(prefix="/api/v1", tag="configs")
     "/datasets/{dataset}/configs", response_model=Page[wire.ConfigVersion]
 )
 def list_configs(
-    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, wanted: pages.Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     found = DatasetRepository(session).named(dataset)
@@ -135,7 +128,7 @@ def create_config(
         unused_keys=body.unused_keys,
     )
     where = {"Location": f"/api/v1/configs/{version.digest}"}
-    return json_response(
+    return pages.json_response(
         describe_version(found, version), 201 if created else 200, where
     )
 
@@ -218,7 +211,7 @@ def activate_config(
         run = runs.request_run(services, session, found, wanted)
         made = {"config": digest, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
-    return accepted(runs.described_run(services, session, run))
+    return pages.accepted(runs.described_run(services, session, run))
 
 
 @configs_router.post("/datasets/{dataset}/preview")
@@ -248,7 +241,7 @@ State = Annotated[
 def list_runs(
     caller: Viewer,
     dataset: DatasetName,
-    wanted: Newest,
+    wanted: pages.Newest,
     session: ReadSession,
     services: AppServices,
     state: State = None,
@@ -262,7 +255,7 @@ def list_runs(
 @router.get("/runs", response_model=Page[wire.Run])
 def list_all_runs(
     caller: Viewer,
-    wanted: Newest,
+    wanted: pages.Newest,
     session: ReadSession,
     services: AppServices,
     state: State = None,
@@ -297,7 +290,7 @@ def create_run(
     if run.activate:
         activated = {"config": described.config, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **activated)
-    return accepted(described)
+    return pages.accepted(described)
 
 
 @router.get("/runs/{run_id}")
@@ -337,7 +330,7 @@ def stop_run(
     run = cancel(services, session, runs.RUNS, run_id)
     described = runs.described_run(services, session, run)
     audit.note(AuditAction.RUN_CANCELLED, run_id, dataset=described.dataset)
-    return accepted(described)
+    return pages.accepted(described)
 
 
 @router.get(
@@ -355,10 +348,10 @@ def compare_runs(
         int | None,
         Query(ge=1, le=MAX_ID, description="Another run; default: the former active."),
     ] = None,
-    limit: Limit = 100,
-    cursor: Cursor = None,
+    limit: pages.Limit = 100,
+    cursor: pages.Cursor = None,
 ) -> Response:
     """Boxes whose verdicts differ between two runs, nearest to a threshold first."""
     runs = compared_runs(session, run_id, against)
     diff = run_diff(services, session, runs, limit, cursor)
-    return page_with_link(request, diff, diff.next_cursor)
+    return pages.page_with_link(request, diff, diff.next_cursor)

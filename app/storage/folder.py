@@ -11,16 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import DamagedFile, TryLater
-from app.storage.base import (
-    Drafts,
-    StoredBlob,
-    StoredFile,
-    digest_of,
-    leftovers,
-    place_of,
-    sha256_of,
-    stored_files,
-)
+from app.storage import base
 from app.storage.durable import flush_file, flush_folder, make_folder
 
 _PREFIX_LENGTH: Final = 2
@@ -28,7 +19,7 @@ _PREFIX_LENGTH: Final = 2
 _NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-class FolderDrafts(Drafts):
+class FolderDrafts(base.Drafts):
     """Blobs whose new files are written, but neither flushed nor renamed.
 
     `places` are the paths of all blobs, `files` pairs of a draft and its final path.
@@ -39,7 +30,7 @@ class FolderDrafts(Drafts):
         self.files: list[tuple[Path, Path]] = []
 
 
-class FolderStorage:
+class FolderStorage(base.BlobStore):
     """A `BlobStore` in a folder."""
 
     def __init__(self, folder: Path, *, make: bool = True) -> None:
@@ -63,15 +54,12 @@ class FolderStorage:
         with tempfile.TemporaryFile(dir=self.temporary_folder(), buffering=0) as file:
             file.write(b"ready?")
 
-    def put(self, blobs: Mapping[str, bytes]) -> None:
-        """As `BlobStore.put`. A blob that exists already is not written again.
-
-        Its folder is still flushed: another writer may not have done that yet.
-        """
-        self.settle([self.draft(blobs)])
-
     def draft(self, blobs: Mapping[str, bytes]) -> FolderDrafts:
-        """Write blobs next to their final paths; `settle` or `discard` them later."""
+        """Write blobs next to their final paths; `settle` or `discard` them later.
+
+        A blob that exists already is not written again. Its folder is still flushed:
+        another writer may not have done that yet.
+        """
         drafts = FolderDrafts([self.path(digest) for digest in blobs])
         try:
             for path, data in zip(drafts.places, blobs.values(), strict=True):
@@ -82,7 +70,7 @@ class FolderStorage:
             raise
         return drafts
 
-    def settle(self, many: Sequence[Drafts]) -> None:
+    def settle(self, many: Sequence[base.Drafts]) -> None:
         """Make drafts durable blobs: each file and each folder is flushed once.
 
         All files are flushed before all folders: one flush often writes data of other
@@ -100,23 +88,23 @@ class FolderStorage:
         for folder in {path.parent for path in places}:
             flush_folder(folder)
 
-    def discard(self, many: Sequence[Drafts]) -> None:
+    def discard(self, many: Sequence[base.Drafts]) -> None:
         for draft, _ in _files(many):
             draft.unlink(missing_ok=True)
 
     def path(self, digest: str) -> Path:
-        return self.folder / place_of(digest)
+        return self.folder / base.place_of(digest)
 
     def read(self, digest: str) -> bytes:
         try:
             content = self.path(digest).read_bytes()
         except FileNotFoundError as exc:
             raise DamagedFile(digest, "is missing") from exc
-        if sha256_of(content) != digest:
+        if base.sha256_of(content) != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return content
 
-    def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
+    def open(self, digest: str, *, size_bytes: int | None) -> base.StoredBlob:
         path = self.path(digest)
         try:
             size = path.stat().st_size
@@ -130,11 +118,11 @@ class FolderStorage:
                 file.seek(first)
                 return file.read(end - first)
 
-        return StoredBlob(size, part, path)
+        return base.StoredBlob(size, part, path)
 
-    def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> base.StoredBlob:
         blob = self.open(digest, size_bytes=size_bytes)
-        if digest_of(self.path(digest)) != digest:
+        if base.digest_of(self.path(digest)) != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return blob
 
@@ -172,17 +160,17 @@ class FolderStorage:
     def adopt(self, file: Path) -> str:
         """Move a file of the same file system into the store; returns its digest."""
         flush_file(file)
-        name = digest_of(file)
+        name = base.digest_of(file)
         path = self.path(name)
         file.replace(path)
         flush_folder(path.parent)
         return name
 
-    def files(self) -> Iterator[StoredFile]:
-        return stored_files(self.folder)
+    def files(self) -> Iterator[base.StoredFile]:
+        return base.stored_files(self.folder)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
-        return leftovers(self.folder)
+        return base.leftovers(self.folder)
 
     def temporary_folder(self) -> Path:
         """A folder on the same file system for files that are being written."""
@@ -209,14 +197,14 @@ class FolderStorage:
         """Do nothing: there are no resources to release."""
 
 
-def _own(many: Sequence[Drafts]) -> Iterator[FolderDrafts]:
+def _own(many: Sequence[base.Drafts]) -> Iterator[FolderDrafts]:
     for drafts in many:
         if not isinstance(drafts, FolderDrafts):
             raise TypeError(f"drafts of another store: {drafts!r}")
         yield drafts
 
 
-def _files(many: Sequence[Drafts]) -> list[tuple[Path, Path]]:
+def _files(many: Sequence[base.Drafts]) -> list[tuple[Path, Path]]:
     return [file for drafts in _own(many) for file in drafts.files]
 
 
