@@ -18,11 +18,8 @@ _DATABASE_EXAMPLE: Final = "postgresql://USER:PASSWORD@HOST:5432/DATABASE"
 def checked_url(text: str) -> str:
     """The URL of the database, with psycopg 3 as the driver for PostgreSQL.
 
-    Raises
-    ------
-    ValueError
-        The database or its driver is not supported, or the text is no URL. The message
-        quotes no part of the URL that may be a password.
+    Raises ValueError: the database or its driver is not supported, or the text is no
+    URL. The message quotes no part of the URL that may be a password.
     """
     try:
         url = make_url(text)
@@ -94,11 +91,8 @@ def is_loopback(host: str) -> bool:
 def checked_engine(text: str, *, insecure: bool) -> str:
     """The engine of the settings, checked and in its normal form.
 
-    Raises
-    ------
-    ValueError
-        It is not an engine, or it is not encrypted and on another machine: anyone who
-        can connect to it could run code on every worker.
+    Raises ValueError: it is not an engine, or it is not encrypted and on another
+    machine: anyone who can connect to it could run code on every worker.
     """
     if text.lower() == LOCAL_ENGINE:
         return LOCAL_ENGINE
@@ -145,11 +139,9 @@ def bucket_of(storage: str) -> Bucket | None:
 def checked_endpoint(text: str, *, plain: bool) -> str:
     """The address of an S3-compatible server, without a trailing slash.
 
-    Raises
-    ------
-    ValueError
-        It is not an HTTP address; or it is plain HTTP to another machine, and `plain`
-        is False. The message quotes nothing, since addresses may contain passwords.
+    Raises ValueError: it is not an HTTP address; or it is plain HTTP to another
+    machine, and `plain` is False. The message quotes nothing, since addresses may
+    contain passwords.
     """
     try:
         parts = urlsplit(text)

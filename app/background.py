@@ -23,20 +23,10 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Task:
-    """Something that a thread repeats.
+    """Something that the thread `name` repeats every `every_s` seconds.
 
-    Parameters
-    ----------
-    name : str
-        The name of the thread.
-    purpose : str
-        What it does, for messages: ``cannot PURPOSE yet``.
-    work : function
-        Does it once.
-    every_s : float
-        Seconds between two times.
-    wake : threading.Event
-        Set to let it begin at once.
+    `work` does it once, for a `purpose`, as messages say: ``cannot PURPOSE yet``. Set
+    `wake` to let it begin at once.
     """
 
     name: str

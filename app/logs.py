@@ -79,7 +79,6 @@ class JsonLines(logging.Formatter):
     """A record as one line of ASCII JSON, with a key for each of its `facts`."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line."""
         at = datetime.fromtimestamp(record.created, timezone.utc)
         line: dict[str, object] = {
             "time": at.isoformat(timespec="milliseconds").replace("+00:00", "Z"),

@@ -21,24 +21,13 @@ from app.datasets.routes import router as datasets_router
 from app.exports.routes import downloads_router
 from app.exports.routes import router as exports_router
 from app.hooks.routes import router as hooks_router
-from app.http import openapi, problems
+from app.http import middleware, openapi, problems
 from app.http.admission import Admission
 from app.http.idempotency import RepeatedRequest
-from app.http.middleware import (
-    AccessLog,
-    BodyLimit,
-    Compression,
-    KnownHosts,
-    NoNewWork,
-    Problems,
-    RequestId,
-    SecurityHeaders,
-)
 from app.http.static import content_security_policy, description_router, files_router
 from app.http.static import router as page_router
 from app.http.transaction import repeat_response
-from app.ingest.folder_routes import router as folders_router
-from app.ingest.routes import known_frames_router, upload_router
+from app.ingest.routes import folders_router, known_frames_router, upload_router
 from app.ingest.routes import router as batches_router
 from app.metrics import RequestMetrics
 from app.ops.readiness import Readiness
@@ -100,14 +89,14 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         summary="Finds the boxes that CARLA's camera cannot see, and explains why.",
         lifespan=_lifespan,
         middleware=[
-            Middleware(RequestId),
-            Middleware(AccessLog, metrics=metrics),
-            Middleware(SecurityHeaders, content_security_policy=policy),
-            Middleware(Compression),
-            Middleware(Problems),
-            Middleware(NoNewWork),
-            Middleware(KnownHosts, hosts=settings.served_hosts),
-            Middleware(BodyLimit, wait_s=settings.body_wait_s),
+            Middleware(middleware.RequestId),
+            Middleware(middleware.AccessLog, metrics=metrics),
+            Middleware(middleware.SecurityHeaders, content_security_policy=policy),
+            Middleware(middleware.Compression),
+            Middleware(middleware.Problems),
+            Middleware(middleware.NoNewWork),
+            Middleware(middleware.KnownHosts, hosts=settings.served_hosts),
+            Middleware(middleware.BodyLimit, wait_s=settings.body_wait_s),
         ],
         redirect_slashes=False,
         generate_unique_id_function=attrgetter("name"),

@@ -24,12 +24,7 @@ from app.context import ServiceContext
 from app.engine.chunk import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
-from app.maintenance.datafolder import (
-    CannotMaintain,
-    check_owner,
-    database_file,
-    database_lock,
-)
+from app.maintenance import datafolder
 from app.measuring.active import UnusableConfig
 from app.memory import keep_freed_memory, settle
 from app.package import VERSION
@@ -202,30 +197,25 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
     another server uses one of them, or the folder cannot be written to or may have been
     filled by others.
     """
-    try:
-        make_folder(settings.data)
-        check_owner(settings)
-    except (OSError, CannotMaintain) as exc:
-        raise _cannot_start(settings, exc) from exc
-    database = database_file(settings)
     with ExitStack() as held:
         locks = _Locks(held)
-        if database is None:  # several servers may share PostgreSQL
-            yield locks
-            return
-        database = database.resolve()
         try:
-            locks.add(
-                settings.data.resolve() / SERVER_LOCK,
-                f"the data folder {str(settings.data)!r}",
-                "--data chooses another folder",
-            )
-            locks.add(
-                database_lock(database),
-                f"the database {str(database)!r}",
-                "UNGHOST_DATABASE_URL chooses another database",
-            )
-        except OSError as exc:
+            make_folder(settings.data)
+            datafolder.check_owner(settings)
+            database = datafolder.database_file(settings)
+            if database is not None:  # several servers may share PostgreSQL
+                locks.add(
+                    settings.data.resolve() / SERVER_LOCK,
+                    f"the data folder {str(settings.data)!r}",
+                    "--data chooses another folder",
+                )
+                database = database.resolve()
+                locks.add(
+                    datafolder.database_lock(database),
+                    f"the database {str(database)!r}",
+                    "UNGHOST_DATABASE_URL chooses another database",
+                )
+        except (OSError, datafolder.CannotMaintain) as exc:
             raise _cannot_start(settings, exc) from exc
         yield locks
 
@@ -265,7 +255,7 @@ class ServerNote:
 def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
     if isinstance(reason, UnusableConfig):
         return CannotServe(f"the configuration cannot be used: {reason}")
-    if isinstance(reason, CannotMaintain | UnusableEngine):
+    if isinstance(reason, datafolder.CannotMaintain | UnusableEngine):
         return CannotServe(str(reason))
     if isinstance(reason, DatabaseError):
         return CannotServe(

@@ -24,7 +24,7 @@ from sqlalchemy import select
 
 from app.catalog.datasets import DatasetRepository
 from app.db.tables import Dataset, Export
-from app.exports.service import ExportRequest, request_export
+from app.exports.service import request_export
 from app.jobs.queries import job_with_id
 from benchmarks.measuring import (
     AIM_MEMORY_RATIO,
@@ -39,6 +39,7 @@ from benchmarks.measuring import (
 )
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 from tests.support.large_datasets import DatasetSpec, make_dataset
+from unghost.wire.runs import ExportIn
 
 FRAMES, BOXES = 10_000, 30
 
@@ -89,8 +90,10 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
                 dataset = DatasetRepository(session).with_id(dataset_id)
                 labels = "images" in FORMATS[form].options
                 options = {"images": "none"} if labels else {}
-                request = ExportRequest(form, options, "benchmark")
-                export_id = request_export(context, session, dataset, request).id
+                wanted = {"format": form, "options": options}
+                export_id = request_export(
+                    context, session, dataset, ExportIn.model_validate(wanted), "ada"
+                ).id
             while True:
                 with context.database.read() as session:
                     export = job_with_id(session, Export, export_id)

@@ -68,7 +68,6 @@ class AuditTrail:
 
     @property
     def name(self) -> str:
-        """The name of the actor."""
         return SERVICE if self.actor is None else self.actor.name
 
     def note(self, action: AuditAction, subject: object, **details: object) -> None:
@@ -83,7 +82,7 @@ class AuditTrail:
             token_id = self.actor.token_id
             if log.noted_since(token_id, action.value, since) >= MOST_AN_HOUR:
                 return
-        log.add(
+        log.insert(
             AuditEntry(
                 token_id=None if self.actor is None else self.actor.token_id,
                 actor=self.name,

@@ -2,7 +2,9 @@
 
 Three things are kept in memory: a cache of the callers of the last second, so that not
 every request queries the database; the time at which each token was last used; and the
-number of wrong secrets. `app.access.upkeep` writes the last two.
+number of wrong secrets. Once a minute the last two are written, the uses into the
+database, so that no GET has to write a row, and the wrong secrets into the log alone,
+so that nobody without a token can fill the database.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from threading import Lock
 from typing import Annotated, Final
 
@@ -21,13 +24,18 @@ from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from app.access.audit import AuditTrail
-from app.access.service import by_secret, require_valid
+from app.access.queries import Tokens
+from app.access.service import by_session, by_token, require_valid
+from app.background import Task, attempt, repeating
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.errors import Forbidden, Unauthorised
 from app.http.deps import current_principal, database_of, services_of
 from app.http.transaction import WriteSession
+from app.logs import server_log
 from app.security import (
     SAFE_METHODS,
+    SESSION_PREFIX,
     Principal,
     bearer_token,
     comes_from_no_other_page,
@@ -35,6 +43,7 @@ from app.security import (
 )
 
 REMEMBERED_S: Final = 1.0
+UPKEEP_EVERY_S: Final = 60.0
 _MOST: Final = 1024
 _MOST_NAMED: Final = 3
 
@@ -45,12 +54,8 @@ class TokenGate:
     async def identify(self, request: Request) -> Principal:
         """The caller, by the secret in this request.
 
-        Raises
-        ------
-        Unauthorised
-            There is no secret, or it is not valid.
-        Forbidden
-            Another web page uses a session of the review page for a write.
+        Raises Unauthorised: there is no secret, or it is not valid; Forbidden: another
+        web page uses a session of the review page for a write.
         """
         header = request.headers.get("authorization")
         if header is None:
@@ -60,10 +65,11 @@ class TokenGate:
         if principal is None:
             before = callers.revocations
             secret = bearer_token(header) or ""
+            by = by_session if secret.startswith(SESSION_PREFIX) else by_token
 
             def look_up() -> Principal:
                 with database_of(request).read() as session:
-                    return by_secret(session, secret)
+                    return by(session, secret)
 
             with counting_wrong_secrets(request):
                 principal = await run_in_threadpool(look_up)
@@ -183,6 +189,35 @@ class WrongSecrets:
         if not parts:
             return ""
         return f"{count} with a wrong token, session, code or key: {', '.join(parts)}"
+
+
+@contextmanager
+def keeping_tokens(context: ServiceContext) -> Iterator[None]:
+    """Call `write_upkeep` once a minute until the block ends, and then once more."""
+    purpose = "note the use of tokens"
+    work = partial(write_upkeep, context)
+    task = Task("token upkeep", purpose, work, UPKEEP_EVERY_S)
+    try:
+        with repeating(context, task):
+            yield
+    finally:
+        attempt(context, task)
+
+
+def write_upkeep(context: ServiceContext) -> None:
+    """Write the times of last use, and log wrong secrets."""
+    wrong = context.one(WrongSecrets).take()
+    if wrong:
+        server_log.warning("requests refused within a minute: %s", wrong)
+    uses = context.one(LastUses).take()
+    if uses:
+        try:
+            with context.database.write() as session:
+                for token_id, at in sorted(uses.items()):
+                    Tokens(session).note_use(token_id, at)
+        except BaseException:
+            context.one(LastUses).put_back(uses)
+            raise
 
 
 async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:

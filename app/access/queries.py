@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
-from sqlalchemy import Connection, bindparam, delete, func, or_, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy import Connection, Row, bindparam, delete, func, or_, select, update
 
+from app.db.base import Repository
 from app.db.pages import NewestPage
 from app.db.tables.access import (
     AuditEntry,
@@ -16,21 +16,14 @@ from app.db.tables.access import (
     LoginSession,
     Token,
 )
+from app.security import Principal
 from unghost.wire.words import Role
 
 _NEWEST: Final = 1000
 
 
-class AuditRepository:
+class AuditRepository(Repository):
     """The audit log of one database session."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def add(self, entry: AuditEntry) -> None:
-        """Insert."""
-        self._session.add(entry)
-        self._session.flush()
 
     def noted_since(self, token_id: int, action: str, since: datetime) -> int:
         """How many entries of a token about this action are younger than `since`.
@@ -52,11 +45,7 @@ class AuditRepository:
 
     def page(self, page: NewestPage) -> list[AuditEntry]:
         """Entries, newest first; one more than the limit if there is a next page."""
-        rows = select(AuditEntry)
-        if page.before_id is not None:
-            rows = rows.where(AuditEntry.id < page.before_id)
-        rows = rows.order_by(AuditEntry.id.desc()).limit(page.limit + 1)
-        return list(self._session.scalars(rows))
+        return list(self._session.scalars(page.of(select(AuditEntry), AuditEntry.id)))
 
 
 _VALID: Final = (
@@ -96,18 +85,14 @@ def is_valid(
     return connection.execute(statement, values).first() is not None
 
 
-class TokenEnd(NamedTuple):
-    """When a token was revoked, and when it expires; None: never."""
-
-    revoked_at: datetime | None
-    expires_at: datetime | None
+TokenEnd: TypeAlias = Row[datetime | None, datetime | None]
+"""When a token was revoked, and when it expires; None: never."""
 
 
 def end_of(connection: Connection, token_id: int) -> TokenEnd | None:
     """The end of a token, valid or not; None if there is no such token."""
     statement = select(Token.revoked_at, Token.expires_at).where(Token.id == token_id)
-    row = connection.execute(statement).first()
-    return TokenEnd(*row) if row else None
+    return connection.execute(statement).first()
 
 
 class TokenRow(NamedTuple):
@@ -119,11 +104,8 @@ class TokenRow(NamedTuple):
     hash: str
 
 
-class Tokens:
+class Tokens(Repository):
     """Tokens and sessions of one database session."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def valid_by_hash(self, digest: str, now: datetime) -> TokenRow | None:
         """The token with this hash, unless it is revoked or has expired."""
@@ -140,8 +122,7 @@ class Tokens:
         token = self.by_name(name)
         if token is None:
             token = Token(name=name, role=role, hash=digest)
-            self.add(token)
-            return token
+            return self.insert(token)
         self._end_all_of(token.id)
         token.hash, token.role = digest, role
         token.revoked_at = token.expires_at = None
@@ -158,41 +139,27 @@ class Tokens:
             .execution_options(synchronize_session=False)
         )
 
-    def add(self, token: Token) -> None:
-        """Store a new token."""
-        self._session.add(token)
-        self._session.flush()
-
     def by_id(self, token_id: int) -> Token | None:
         """The token, valid or not."""
         return self._session.get(Token, token_id)
 
     def by_hash(self, digest: str) -> Token | None:
         """The token with this hash, valid or not."""
-        statement = select(Token).where(Token.hash == digest).order_by(Token.id)
-        return self._session.scalars(statement).one_or_none()
+        return self._session.scalar(select(Token).where(Token.hash == digest))
 
     def by_session_hash(self, digest: str) -> Token | None:
         """The token that opened the session with this hash; either may be invalid."""
-        statement = (
-            select(Token)
-            .join(LoginSession, LoginSession.token_id == Token.id)
-            .where(LoginSession.hash == digest)
-            .order_by(Token.id)
-        )
-        return self._session.scalars(statement).one_or_none()
+        tokens = select(Token).join(LoginSession, LoginSession.token_id == Token.id)
+        return self._session.scalar(tokens.where(LoginSession.hash == digest))
 
     def by_name(self, name: str) -> Token | None:
         """The token of this name, valid or not."""
-        statement = select(Token).where(Token.name == name).order_by(Token.id)
-        return self._session.scalars(statement).one_or_none()
+        return self._session.scalar(select(Token).where(Token.name == name))
 
     def page(self, *, after_id: int, limit: int) -> list[Token]:
         """The next tokens by id."""
-        statement = (
-            select(Token).where(Token.id > after_id).order_by(Token.id).limit(limit)
-        )
-        return list(self._session.scalars(statement))
+        tokens = select(Token).where(Token.id > after_id).order_by(Token.id)
+        return list(self._session.scalars(tokens.limit(limit)))
 
     def valid_ids(self, role: Role, now: datetime) -> list[int]:
         """Tokens of a role that may be used."""
@@ -209,19 +176,16 @@ class Tokens:
 
     def open_session(self, opened: LoginSession, *, most: int) -> None:
         """Store a session that a token opened; only its `most` newest sessions stay."""
-        self._session.add(opened)
-        self._session.flush()
-        self._keep_newest(opened, most)
+        self._keep_newest(self.insert(opened), most)
 
-    def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
-        """When a token expires, or its session if that is earlier; None: never."""
-        token = select(Token.expires_at).where(Token.id == token_id)
-        session = select(LoginSession.expires_at).where(
-            LoginSession.hash == session_digest
-        )
+    def expiry(self, of: Principal) -> datetime | None:
+        """When a caller's token or session expires, whichever is first; None: never."""
+        token = select(Token.expires_at).where(Token.id == of.token_id)
         ends = [self._session.scalar(token)]
-        if session_digest is not None:
-            ends.append(self._session.scalar(session))
+        if of.session_hash is not None:
+            session = select(LoginSession.expires_at)
+            its_own = session.where(LoginSession.hash == of.session_hash)
+            ends.append(self._session.scalar(its_own))
         return min((end for end in ends if end is not None), default=None)
 
     def add_short_lived(self, row: LoginCode | DownloadLink, *, most: int) -> None:
@@ -233,9 +197,7 @@ class Tokens:
         table = type(row)
         ended = delete(table).where(table.expires_at <= row.created_at)
         self._session.execute(ended)
-        self._session.add(row)
-        self._session.flush()
-        self._keep_newest(row, most)
+        self._keep_newest(self.insert(row), most)
 
     def code(self, code_id: int) -> LoginCode | None:
         """The login code with this id, used or not."""
@@ -243,9 +205,7 @@ class Tokens:
 
     def code_by_hash(self, digest: str) -> LoginCode | None:
         """The login code with this hash, used or not."""
-        return self._session.scalars(
-            select(LoginCode).where(LoginCode.hash == digest).order_by(LoginCode.id)
-        ).one_or_none()
+        return self._session.scalar(select(LoginCode).where(LoginCode.hash == digest))
 
     def use_code(self, code_id: int, now: datetime) -> bool:
         """Mark a login code as used; False if it was used already or has expired."""
@@ -296,7 +256,6 @@ class Tokens:
         )
 
     def end_session(self, digest: str) -> None:
-        """Delete one session."""
         self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))
 
     def _end_all_of(self, token_id: int) -> None:
@@ -305,7 +264,6 @@ class Tokens:
             self._session.execute(delete(table).where(table.token_id == token_id))
 
     def end_expired_sessions(self, now: datetime) -> None:
-        """Delete expired sessions."""
         self._session.execute(
             delete(LoginSession).where(LoginSession.expires_at <= now)
         )

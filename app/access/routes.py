@@ -19,27 +19,17 @@ from app.http.pages import NO_STORE, Cursor, Limit, Newest, json_response, page_
 from app.http.routing import ApiRouter, OpenRouter
 from app.http.transaction import WriteSession
 from app.security import Principal, comes_from_no_other_page
-from unghost.wire.access import (
-    AuditEntry,
-    LogIn,
-    LoginCode,
-    NewLoginCode,
-    NewSession,
-    NewToken,
-    Session,
-    Token,
-    TokenIn,
-)
+from unghost.wire import access as wire
 from unghost.wire.model import Page
 
 audit_router = ApiRouter(prefix="/api/v1", tag="audit")
 
 
-@audit_router.get("/audit", response_model=Page[AuditEntry])
+@audit_router.get("/audit", response_model=Page[wire.AuditEntry])
 def list_audit(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
     """The audit log: who changed tokens, data, configurations, jobs or many answers."""
     entries = AuditRepository(session).page(wanted.page)
-    describe = partial(AuditEntry.model_validate, from_attributes=True)
+    describe = partial(wire.AuditEntry.model_validate, from_attributes=True)
     return wanted.response(entries, describe)
 
 
@@ -47,9 +37,9 @@ login_router = OpenRouter(prefix="/api/v1", tag="session")
 session_router = ApiRouter(prefix="/api/v1", tag="session")
 
 
-@login_router.post("/session", status_code=201, response_model=NewSession)
+@login_router.post("/session", status_code=201, response_model=wire.NewSession)
 def log_in(
-    body: LogIn,
+    body: wire.LogIn,
     request: Request,
     reading: ReadSession,
     writing: WriteSession,
@@ -75,12 +65,12 @@ def log_in(
     opened = access.log_in(AuditTrail(writing, principal), by, lifetime)
     caller = access.by_session(writing, opened)
     services.one(LastUses).note(principal.token_id)
-    shown = NewSession(**dict(_session(writing, caller)), session=opened)
+    shown = wire.NewSession(**dict(_session(writing, caller)), session=opened)
     return json_response(shown, 201, NO_STORE)
 
 
 @session_router.get("/session")
-def get_session(caller: Viewer, session: ReadSession) -> Session:
+def get_session(caller: Viewer, session: ReadSession) -> wire.Session:
     """The caller's name and role, and when the token or the session expires."""
     return _session(session, caller)
 
@@ -88,43 +78,45 @@ def get_session(caller: Viewer, session: ReadSession) -> Session:
 @session_router.delete("/session", status_code=204)
 def log_out(caller: Viewer, session: WriteSession, services: AppServices) -> Response:
     """End the session that the request is sent with; a token stays valid."""
-    access.log_out(session, caller)
     if caller.session_hash is not None:
+        Tokens(session).end_session(caller.session_hash)
         make_room(services, session)
     services.one(RecentCallers).forget_on_commit(session)
     return Response(status_code=204)
 
 
-@session_router.post("/login-codes", status_code=201, response_model=NewLoginCode)
+@session_router.post("/login-codes", status_code=201, response_model=wire.NewLoginCode)
 def create_login_code(caller: Viewer, audit: Audited) -> Response:
     """Create a code that logs a page in as the caller: once, within ten minutes.
 
     The login link is the service's address followed by `/#code=` and the code.
     """
     row, secret = access.make_code(audit)
-    code = LoginCode.model_validate(row, from_attributes=True)
-    return json_response(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
+    code = wire.LoginCode.model_validate(row, from_attributes=True)
+    return json_response(wire.NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
 
 
 @session_router.get("/login-codes/{code_id}")
-def get_login_code(caller: Viewer, code_id: RowId, session: ReadSession) -> LoginCode:
+def get_login_code(
+    caller: Viewer, code_id: RowId, session: ReadSession
+) -> wire.LoginCode:
     """One of the caller's login codes: when it expires, and whether it was used."""
     code = access.own_code(session, caller, code_id)
-    return LoginCode.model_validate(code, from_attributes=True)
+    return wire.LoginCode.model_validate(code, from_attributes=True)
 
 
-def _session(session: ReadSession, principal: Principal) -> Session:
-    return Session(
+def _session(session: ReadSession, principal: Principal) -> wire.Session:
+    return wire.Session(
         name=principal.name,
         role=principal.role,
-        expires_at=access.expiry(session, principal),
+        expires_at=Tokens(session).expiry(principal),
     )
 
 
 tokens_router = ApiRouter(prefix="/api/v1", tag="tokens")
 
 
-@tokens_router.get("/tokens", response_model=Page[Token])
+@tokens_router.get("/tokens", response_model=Page[wire.Token])
 def list_tokens(
     caller: Admin,
     request: Request,
@@ -139,17 +131,19 @@ def list_tokens(
     after_id = 0 if cursor is None else id_of_cursor(cursor)
     rows = Tokens(session).page(after_id=after_id, limit=limit + 1)
     following = str(rows[limit - 1].id) if len(rows) > limit else None
-    items = [Token.model_validate(row, from_attributes=True) for row in rows[:limit]]
+    items = [
+        wire.Token.model_validate(row, from_attributes=True) for row in rows[:limit]
+    ]
     return page_response(request, items, following)
 
 
-@tokens_router.post("/tokens", status_code=201, response_model=NewToken)
-def create_token(caller: Admin, body: TokenIn, audit: Audited) -> Response:
+@tokens_router.post("/tokens", status_code=201, response_model=wire.NewToken)
+def create_token(caller: Admin, body: wire.TokenIn, audit: Audited) -> Response:
     """Create a token; it lasts until revoked or expired. Only this response has it."""
     ends = body.ends(utc_now())
     row, secret = access.issue(audit, body.name, body.role, ends)
-    token = Token.model_validate(row, from_attributes=True)
-    return json_response(NewToken(**dict(token), token=secret), 201, NO_STORE)
+    token = wire.Token.model_validate(row, from_attributes=True)
+    return json_response(wire.NewToken(**dict(token), token=secret), 201, NO_STORE)
 
 
 @tokens_router.delete("/tokens/{token_id}", status_code=204)

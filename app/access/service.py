@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.queries import TokenEnd, Tokens, end_of, is_valid
-from app.db.base import rfc3339, utc_now
+from app.db.base import existing, rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
 from app.security import (
@@ -47,21 +47,11 @@ _UNKNOWN_SESSION: Final = (
 )
 
 
-def by_secret(session: Session, secret: str) -> Principal:
-    """The caller with this token or session; raises `Unauthorised` as `by_token`."""
-    if secret.startswith(SESSION_PREFIX):
-        return by_session(session, secret)
-    return by_token(session, secret)
-
-
 def by_token(session: Session, token: str) -> Principal:
     """The caller with this token.
 
-    Raises
-    ------
-    Unauthorised
-        It is unknown, revoked or expired. The error tells the last two apart: only
-        somebody who has the token can see them.
+    Raises Unauthorised: it is unknown, revoked or expired. The error tells the last two
+    apart: only somebody who has the token can see them.
     """
     if not token:
         raise Unauthorised(_NO_ENTRY)
@@ -91,12 +81,8 @@ def require_valid(connection: Connection, principal: Principal) -> None:
     """Check in the transaction of a write that its caller is still valid.
 
     A caller is identified when the head of a request arrives. Its body may take much
-    longer, and the token may be revoked meanwhile.
-
-    Raises
-    ------
-    Unauthorised
-        The token or the session has ended since.
+    longer, and the token may be revoked meanwhile. Raises Unauthorised: the token or
+    the session has ended since.
     """
     now, token_id = utc_now(), principal.token_id
     if not is_valid(connection, token_id, principal.session_hash, now):
@@ -114,7 +100,7 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     secret = new_secret(SESSION_PREFIX)
     ends = utc_now() + lifetime
     if audit.actor is not None:
-        ends = min(ends, expiry(audit.session, audit.actor) or ends)
+        ends = min(ends, Tokens(audit.session).expiry(audit.actor) or ends)
     opened = LoginSession(
         hash=hash_secret(secret), token_id=audit.token_id, expires_at=ends
     )
@@ -123,28 +109,13 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     return secret
 
 
-def log_out(session: Session, principal: Principal) -> None:
-    """End the session of this browser; a bearer token has none."""
-    if principal.session_hash is not None:
-        Tokens(session).end_session(principal.session_hash)
-
-
-def expiry(session: Session, principal: Principal) -> datetime | None:
-    """When the caller's token or session expires; None: never."""
-    return Tokens(session).expiry(principal.token_id, principal.session_hash)
-
-
 def issue(
     audit: AuditTrail, name: str, role: Role, expires_at: datetime | None
 ) -> tuple[Token, str]:
     """A new token and its secret, of which only the hash is stored.
 
-    Raises
-    ------
-    Conflict
-        The name is taken, even if by a revoked token: reviews refer to it.
-    Unprocessable
-        It would have expired already.
+    Raises Conflict: the name is taken, even if by a revoked token: reviews refer to it;
+    Unprocessable: it would have expired already.
     """
     if expires_at is not None and expires_at <= utc_now():
         raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
@@ -153,7 +124,7 @@ def issue(
         raise Conflict(f"a token named {name!r} exists already; it may be revoked")
     secret = new_secret(TOKEN_PREFIX)
     token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
-    tokens.add(token)
+    tokens.insert(token)
     until = None if expires_at is None else rfc3339(expires_at)
     audit.note(
         AuditAction.TOKEN_CREATED, name, token_id=token.id, role=role, expires_at=until
@@ -164,15 +135,11 @@ def issue(
 def revoke(audit: AuditTrail, token_id: int) -> None:
     """Revoke a token, and end the sessions that it opened.
 
-    Raises
-    ------
-    Conflict
-        It is the last valid token of an admin: nobody could make tokens afterwards.
+    Raises Conflict: it is the last valid token of an admin: nobody could make tokens
+    afterwards.
     """
     tokens = Tokens(audit.session)
-    token = tokens.by_id(token_id)
-    if token is None:
-        raise NotFound("token", token_id)
+    token = existing(tokens.by_id(token_id), "token", token_id)
     now = utc_now()
     if tokens.valid_ids("admin", now) == [token_id]:
         raise Conflict(f"token {token.name!r} is the last one of an admin")
@@ -184,10 +151,8 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
 def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
     """A login code of this token, or of the actor's, and its secret.
 
-    Raises
-    ------
-    Forbidden
-        The actor has a session: the session that the code opens would not end with it.
+    Raises Forbidden: the actor has a session: the session that the code opens would not
+    end with it.
     """
     if audit.actor is not None and audit.actor.session_hash:
         raise Forbidden("a login code needs the token itself: a session makes none")
@@ -226,18 +191,17 @@ def use_code(session: Session, code_id: int) -> None:
 def by_code(session: Session, secret: str) -> tuple[Principal, int]:
     """The caller that a login code logs in, and the code's id.
 
-    Raises
-    ------
-    Unauthorised
-        The code is unknown, used or expired, or its token is no longer valid.
+    Raises Unauthorised: the code is unknown, used or expired, or its token is no longer
+    valid.
     """
     digest, now = hash_secret(secret), utc_now()
     tokens = Tokens(session)
     code = tokens.code_by_hash(digest)
     if code is None or code.used_at is not None or code.expires_at <= now:
         raise _code_is_over()
-    token = tokens.by_id(code.token_id)
-    if token is None or not same_hash(code.hash, digest) or not _is_valid(token, now):
+    token, connection = tokens.by_id(code.token_id), session.connection()
+    is_same = same_hash(code.hash, digest)
+    if token is None or not is_same or not is_valid(connection, token.id, None, now):
         raise _refused(token, now)
     return Principal(token.id, token.name, token.role), code.id
 
@@ -291,11 +255,6 @@ def _refused(
     return Unauthorised(unknown, code=otherwise)
 
 
-def _is_valid(token: Token, now: datetime) -> bool:
-    ended = token.expires_at is not None and token.expires_at <= now
-    return token.revoked_at is None and not ended
-
-
 def _code_is_over() -> Unauthorised:
     return Unauthorised(
         "this login link was used already, or its ten minutes are over; "
@@ -307,22 +266,10 @@ def _code_is_over() -> Unauthorised:
 def require_own(by: Principal, answers: Mapping[str, int], action: str) -> int:
     """Allow an action that removes answers to their author, and to admins.
 
-    Parameters
-    ----------
-    answers : mapping of str to int
-        How many answers would be deleted, undone or left behind, by reviewer.
-    action : str
-        The requested action, with which the message begins: ``deleting frame 'a/1'``.
-
-    Returns
-    -------
-    int
-        How many of these answers are other people's.
-
-    Raises
-    ------
-    Forbidden
-        Some are other people's, and the caller is not an admin.
+    `answers` says how many would be deleted, undone or left behind, by reviewer, and
+    `action`, with which the message begins, what is requested: ``deleting frame
+    'a/1'``. Returns how many of these answers are other people's. Raises Forbidden:
+    some are, and the caller is not an admin.
     """
     others = {name: number for name, number in answers.items() if name != by.name}
     number = sum(others.values())

@@ -40,18 +40,9 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import TallyKey
-from app.boxes.queries import FrameRepository
-from app.db.bulk import (
-    Written,
-    chunks,
-    insert_columns,
-    insert_of_dialect,
-    insert_rows,
-    run,
-    run_each,
-    update_rows,
-)
-from app.db.tables import Decision, Frame, Review, Tally
+from app.db import bulk
+from app.db.base import Repository, utc_now
+from app.db.tables import Box, Decision, Frame, Review, Tally
 from app.verdicts import BIN
 from filter_core.arrays import BoolArray, IntArray, floats_or_none
 from filter_core.decisions.doubt import Bin
@@ -70,7 +61,7 @@ def copy_answers(session: Session, box_ids: Iterable[int]) -> None:
 
     An answer is new if its revision is one above the revision of its box's decision.
     """
-    for chunk in chunks(box_ids):
+    for chunk in bulk.chunks(box_ids):
         _copy(session, _ON_BOXES, {"boxes": chunk})
 
 
@@ -135,22 +126,23 @@ def add(
 
     `columns` are those of `decisions`, all equally long.
     """
-    insert_columns(session, Decision, columns)
+    bulk.insert_columns(session, Decision, columns)
     names = ("class_id", "reason", "toss_up", "doubt")
     alike = zip(*(columns[name] for name in names), strict=True)
     counts = Counter(
         TallyKey._make([*same, min(doubt, Bin.ASK), ""]) for *same, doubt in alike
     )
     dialect = session.connection().dialect.name
-    run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
+    bulk.run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
 
 
 def retire(session: Session, frame: Frame) -> None:
     """Remove a frame's boxes from all lists and counts; its history stays."""
     dialect = session.connection().dialect.name
-    run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
+    bulk.run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
     session.execute(delete(Decision).where(Decision.frame_id == frame.id))
-    FrameRepository(session).supersede(frame)
+    former = update(Frame).where(Frame.id == frame.id)
+    session.execute(former.values(superseded_at=utc_now()))
 
 
 @lru_cache
@@ -191,7 +183,7 @@ def doubt_again(session: Session, box_ids: IntArray, doubt: NDArray[np.int16]) -
     The caller has to recount the tallies of the dataset too (`recount_tallies`).
     """
     columns = {"box_id": box_ids.tolist(), "doubt": doubt.tolist()}
-    update_rows(session, Decision, columns)
+    bulk.update_rows(session, Decision, columns)
 
 
 def decided_again(
@@ -199,7 +191,7 @@ def decided_again(
     box_ids: IntArray,
     before: Decided,
     after: Decided,
-    written: Written,
+    written: bulk.Written,
 ) -> None:
     """Make `after` the current decisions of boxes where they differ from `before`.
 
@@ -216,15 +208,15 @@ def decided_again(
         for place, (name, column) in enumerate(after._asdict().items()):
             if pattern >> place & 1:
                 columns[name] = column[rows].tolist()
-        update_rows(session, Decision, columns, written)
+        bulk.update_rows(session, Decision, columns, written)
 
 
 def measured_again(
-    session: Session, box_ids: IntArray, evidence: Evidence, written: Written
+    session: Session, box_ids: IntArray, evidence: Evidence, written: bulk.Written
 ) -> None:
     """Copy the numbers that lists sort and filter by; tallies do not depend on them."""
     columns = {"box_id": box_ids.tolist(), **numbers_of_lists(evidence)}
-    update_rows(session, Decision, columns, written)
+    bulk.update_rows(session, Decision, columns, written)
 
 
 def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -> None:
@@ -233,8 +225,8 @@ def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -
     The caller has to replace the tallies of the dataset too (`replace_tallies`).
     """
     boxes, classes = box_ids.tolist(), class_ids.tolist()
-    update_rows(session, Decision, {"box_id": boxes, "class_id": classes})
-    FrameRepository(session).classify_boxes(boxes, classes)
+    bulk.update_rows(session, Decision, {"box_id": boxes, "class_id": classes})
+    bulk.update_rows(session, Box, {"id": boxes, "class_id": classes})
 
 
 def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:
@@ -256,7 +248,7 @@ def replace_tallies(
 ) -> None:
     """Replace all tallies of a dataset by these counts; `{}` deletes them."""
     session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
-    insert_rows(session, Tally, _tally_rows(dataset_id, counts))
+    bulk.insert_rows(session, Tally, _tally_rows(dataset_id, counts))
 
 
 def recount_tallies(session: Session, dataset_id: int) -> None:
@@ -281,7 +273,7 @@ def _tally_rows(
 @lru_cache
 def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     """Insert tallies, or add to existing ones; as rows, or from a SELECT."""
-    statement = insert_of_dialect(dialect, Tally)
+    statement = bulk.insert_of_dialect(dialect, Tally)
     if changes is not None:
         statement = statement.from_select([*_TALLY, "boxes"], changes)
     return statement.on_conflict_do_update(
@@ -289,11 +281,8 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     )
 
 
-class DecisionRepository:
+class DecisionRepository(Repository):
     """Rows of `decisions`, read."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def per_frame(self, frame_ids: Sequence[int]) -> dict[int, dict[TallyKey, int]]:
         """The tallies of each frame: how many of its boxes share the same values."""
@@ -313,11 +302,8 @@ class DecisionRepository:
         return [(box_id, str(answer)) for box_id, answer in answers]
 
 
-class TallyRepository:
+class TallyRepository(Repository):
     """Rows of `tallies`, read."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def of_dataset(self, dataset_id: int) -> dict[TallyKey, int]:
         """All tallies of a dataset that are not zero."""

@@ -30,15 +30,7 @@ from filter_core.evidence.depth import (
     read_depth,
 )
 from filter_core.formats.files import write_whole
-from filter_core.images.drawing import (
-    GREY,
-    DrawnBox,
-    Picture,
-    as_png,
-    as_webp,
-    decoded,
-    draw_boxes,
-)
+from filter_core.images import drawing
 from filter_core.images.header import read_image_header
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
@@ -55,18 +47,12 @@ _HALVED: Final = 2
 
 @dataclass(frozen=True)
 class Layer:
-    """The background of a picture, and the files that it is made from.
+    """The background of a picture, and the files that it is made from, as sent.
 
-    Attributes
-    ----------
-    name : ``image``, ``segmentation`` in its palette's colours, ``blend`` of both,
-        ``depth`` from near (warm) to far (cold), or ``instances``, each in a colour
-    image, segmentation : bytes or None
-        The files as they were sent. Without an image, the background is grey.
-    reading : SegmentationOptions or None
-        How the segmentation was read when it was measured.
-    measured : bytes or None
-        The depth or instance image, if that is the layer.
+    It is the ``image`` (grey if there is none), the ``segmentation`` in its palette's
+    colours, the ``blend`` of both, the ``depth`` from near (warm) to far (cold), or the
+    ``instances``, each in a colour. `reading` is how the segmentation was read when it
+    was measured; `measured` the depth or instance image, if that is the layer.
     """
 
     name: LayerName
@@ -75,7 +61,7 @@ class Layer:
     reading: SegmentationOptions | None
     measured: bytes | None = None
 
-    def picture(self) -> Picture:
+    def picture(self) -> drawing.Picture:
         """The background, decoded and painted; nobody may change it.
 
         Raises ImageError: a file cannot be decoded, or image and segmentation differ in
@@ -90,13 +76,13 @@ class Layer:
             return np.asarray(cv2.applyColorMap(shades, cv2.COLORMAP_TURBO), np.uint8)
         if self.measured is not None:
             # The same colour for the same object, and different ones for most others.
-            pixels = decoded(self.measured).astype(np.uint32)
+            pixels = drawing.decoded(self.measured).astype(np.uint32)
             packed = pixels[..., 0] | pixels[..., 1] << 8 | pixels[..., 2] << 16
             mixed = packed * np.uint32(2654435761)
             planes = [0x40 + (mixed >> shift & 0xBF) for shift in (8, 16, 24)]
             return np.stack(planes, axis=-1).astype(np.uint8)
         if self.image is None:
-            image = np.full_like(self._painted(), GREY)
+            image = np.full_like(self._painted(), drawing.GREY)
         else:
             image = _decoded_once(self.image)
         if self.name == "image":
@@ -104,7 +90,7 @@ class Layer:
         blend = cv2.addWeighted(image, 0.5, self._painted(), 0.5, 0)
         return np.asarray(blend, np.uint8)
 
-    def _painted(self) -> Picture:
+    def _painted(self) -> drawing.Picture:
         if self.segmentation is None or self.reading is None:
             raise ImageError("the frame has no segmentation that was measured")
         read = read_segmentation(self.segmentation, self.reading)
@@ -113,9 +99,9 @@ class Layer:
 
 
 @lru_cache(maxsize=2)
-def _decoded_once(content: bytes) -> Picture:
+def _decoded_once(content: bytes) -> drawing.Picture:
     """An image of which several crops are often drawn, one after the other."""
-    picture = decoded(content)
+    picture = drawing.decoded(content)
     picture.flags.writeable = False
     return picture
 
@@ -134,10 +120,10 @@ def thumbnail(image: bytes, width: int) -> bytes:
     wh = read_image_header(image).wh
     is_whole = min(wh) < _HALVED or max(wh) < _HALVED * width
     flags = cv2.IMREAD_COLOR if is_whole else cv2.IMREAD_REDUCED_COLOR_2
-    read = decoded(image, flags)
+    read = drawing.decoded(image, flags)
     tallest = min(width * _TALLEST, MOST_PX)
     size = _fitted(read.shape[1], read.shape[0], width, tallest, 1.0)
-    return as_webp(cv2.resize(read, size, interpolation=cv2.INTER_AREA))
+    return drawing.as_webp(cv2.resize(read, size, interpolation=cv2.INTER_AREA))
 
 
 def crop(
@@ -162,7 +148,7 @@ def crop(
     size = _fitted(x1 - x0, y1 - y0, MAX_CROP_WIDTH_PX, height, _MAX_ENLARGEMENT)
     shrinks = size[1] < y1 - y0 or size[0] < x1 - x0
     interpolation = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
-    return as_webp(cv2.resize(part, size, interpolation=interpolation))
+    return drawing.as_webp(cv2.resize(part, size, interpolation=interpolation))
 
 
 def slice_of_box(
@@ -182,17 +168,17 @@ def slice_of_box(
     return depth_slice(depth, xyxy, interval)
 
 
-def overlay(layer: Layer, boxes: Sequence[DrawnBox], edges: bool) -> bytes:
+def overlay(layer: Layer, boxes: Sequence[drawing.DrawnBox], edges: bool) -> bytes:
     """A picture with boxes drawn on it as WebP; without boxes, lossless PNG.
 
     `edges` draws the edges of 3D boxes in place of rectangles, where there are any.
     """
     picture = layer.picture()
     if not boxes:
-        return as_png(picture)
+        return drawing.as_png(picture)
     canvas = picture.copy()
-    draw_boxes(canvas, boxes, edges=edges)
-    return as_webp(canvas)
+    drawing.draw_boxes(canvas, boxes, edges=edges)
+    return drawing.as_webp(canvas)
 
 
 def _fitted(
@@ -223,15 +209,9 @@ _LOOKED_THROUGH: Final = "00"
 class Drawing:
     """A picture to be drawn: its content is known, its files are not read yet.
 
-    Attributes
-    ----------
-    tag : str
-        Identifies the picture by all its inputs.
-    media_type : str
-    draw : function of a PixelPool and the event that `PixelPool.run` takes
-        Reads the files and returns the encoded picture.
-    is_lasting : bool
-        Whether it is kept in the data folder: a picture without verdicts, which change.
+    `tag` identifies it by all its inputs. `draw` reads the files and returns the
+    encoded picture; it takes the event of `PixelPool.run`. A picture without verdicts,
+    which change, `is_lasting`: it is kept in the data folder.
     """
 
     tag: str

@@ -25,6 +25,7 @@ from sqlalchemy.orm import Session
 
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import current_in
+from app.db.base import Repository
 from app.db.bulk import chunks
 from app.db.tables import Box, Dataset, Decision, Frame, Review
 from app.errors import BadRequest
@@ -325,19 +326,8 @@ def thresholds_in_sql(
     return found
 
 
-def reasons_with_threshold(thresholds: Iterable[ClassThresholds]) -> set[int]:
-    """The reasons of boxes that a threshold can have decided, as they are stored.
-
-    Of VISIBLE boxes, some may have been decided by a channel (see `ClassThresholds`).
-    """
-    return {int(side.reason) for wanted in thresholds for side in wanted.sides}
-
-
-class BoxProbes:
+class BoxProbes(Repository):
     """Queries for the boxes that a filter selects, and for ids of boxes."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def span(self, dataset_id: int, class_ids: Iterable[int]) -> tuple[int, int] | None:
         """The lowest and the highest id of a dataset's boxes; None without boxes."""

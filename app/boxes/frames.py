@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 from sqlalchemy.orm import Session
@@ -21,7 +22,6 @@ from app.access.service import require_own
 from app.boxes.counts import count, summary
 from app.boxes.current import DecisionRepository, retire
 from app.boxes.drawing import (
-    PICTURES,
     PNG,
     TAR,
     WEBP,
@@ -36,17 +36,15 @@ from app.boxes.filter import TallyKey
 from app.boxes.queries import (
     BANDS_M,
     FileRow,
-    FrameFilter,
     FrameRepository,
     GhostRepository,
     LatestAnswers,
-    PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import ProblemRepository
 from app.context import ServiceContext
-from app.db.base import filled
+from app.db.base import existing, filled
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
@@ -70,17 +68,6 @@ from unghost.wire.frames import (
     StoredFile,
 )
 from unghost.wire.words import FileKind, LayerName
-
-
-def page_of_frames(
-    session: Session, wanted: FrameFilter, page: PageRequest
-) -> tuple[list[Frame], str | None]:
-    """Frames of one page, and the cursor of the next; sorted by ``key`` or ``id``."""
-    rows = FrameRepository(session).page(wanted, page)
-    if len(rows) <= page.limit:
-        return rows, None
-    last = rows[page.limit - 1]
-    return rows[: page.limit], last.key if page.sort.endswith("key") else str(last.id)
 
 
 def frame_summaries(
@@ -228,12 +215,6 @@ def frame_details(
     )
 
 
-def frame_id_of(session: Session, dataset: str, key: str) -> int:
-    """The id of the newest revision under a key; raises NotFound."""
-    dataset_id = DatasetRepository(session).named(dataset).id
-    return FrameRepository(session).current(dataset_id, key).id
-
-
 def frame_file(session: Session, frame_id: int, kind: FileKind) -> FileRow:
     """A file of a frame; NotFound if it has none of this kind."""
     FrameRepository(session).with_id(frame_id)
@@ -331,13 +312,11 @@ class FramePictures:
             raise NotFound("measured segmentation of frame", self.frame_id)
 
     def _read(self, layer: LayerName) -> Layer:
-        needed = {"image", "segmentation"}
+        needed: Sequence[str] = ("image", "segmentation")
         if layer == "segmentation" or layer in _OF_ONE_FILE:
-            needed = {layer}
+            needed = (layer,)
         elif layer == "image" and "image" in self.files:
-            needed = {"image"}
-        else:
-            needed = {"image", "segmentation"}
+            needed = ("image",)
         read = {
             kind: self.storage.read(file.sha256)
             for kind, file in self.files.items()
@@ -387,22 +366,22 @@ def crop_of(
     _, boxes = read_box(session, box_id)
     pictures = frame_pictures(storage, session, boxes.rows.frame_ids[0])
     (xyxy,) = boxes.rectangles()
-    if xyxy is None:
-        raise NotFound("rectangle in the image of box", box_id)
+    xyxy = existing(xyxy, "rectangle in the image of box", box_id)
     return pictures.crop(xyxy, wanted)
 
 
-def crops_of(context: ServiceContext, session: Session, wanted: CropsQuery) -> Drawing:
+def crops_of(
+    storage: BlobStore, session: Session, wanted: CropsQuery, folder: Path
+) -> Drawing:
     """Crops around several boxes, as a tar: an empty file where there is no picture.
 
-    Those that cannot be drawn are missing.
+    Those that cannot be drawn are missing. `folder` has the pictures that are kept.
     """
     drawings: dict[str, Drawing | None] = {}
     for words, (box_id, query) in wanted.parts().items():
         drawings[words] = None
         with suppress(NotFound):
-            drawings[words] = crop_of(context.storage, session, box_id, query)
-    folder = context.settings.data / PICTURES
+            drawings[words] = crop_of(storage, session, box_id, query)
 
     def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
         content = io.BytesIO()
@@ -431,8 +410,7 @@ def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSli
     """
     _, boxes = read_box(session, box_id)
     (xyxy,) = boxes.rectangles()
-    if xyxy is None:
-        raise NotFound("rectangle in the image of box", box_id)
+    xyxy = existing(xyxy, "rectangle in the image of box", box_id)
     frame_id = boxes.rows.frame_ids[0]
     frame = FrameRepository(session).with_id(frame_id, annotation=True)
     content = context.storage.read(frame_file(session, frame_id, "depth").sha256)

@@ -28,21 +28,13 @@ from sqlalchemy import (
     type_coerce,
     update,
 )
-from sqlalchemy.orm import Session, undefer
+from sqlalchemy.orm import undefer
 
 from app.boxes.filter import BoxFilter
 from app.catalog.datasets import is_deleted
 from app.catalog.frames import current_in, only_in
-from app.db.base import utc_now
-from app.db.bulk import (
-    chunks,
-    insert_columns,
-    insert_of_dialect,
-    insert_rows,
-    run,
-    run_each,
-    update_rows,
-)
+from app.db import bulk
+from app.db.base import Repository, existing, utc_now
 from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
@@ -92,15 +84,6 @@ class PageRequest:
     sort: str
     cursor: str | None
     limit: int
-
-
-@dataclass(frozen=True)
-class FrameFilter:
-    """Which frames of a dataset to list."""
-
-    dataset_id: int
-    key_prefix: str = ""
-    boxes: BoxFilter | None = None
 
 
 class CurrentBoxes(NamedTuple):
@@ -201,19 +184,13 @@ class FramePlace(NamedTuple):
     boxes: int
 
 
-class FrameRepository:
+class FrameRepository(Repository):
     """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def current(self, dataset_id: int, key: str) -> Frame:
         """The newest revision under a key; raises NotFound."""
         rows = select(Frame).where(*current_in(dataset_id), Frame.key == key)
-        frame = self._session.scalar(rows)
-        if frame is None:
-            raise NotFound("frame", key)
-        return frame
+        return existing(self._session.scalar(rows), "frame", key)
 
     def with_id(self, frame_id: int, *, annotation: bool = False) -> Frame:
         """A frame, with its annotation on request; raises NotFound."""
@@ -235,7 +212,7 @@ class FrameRepository:
     def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:
         """Boxes in the order of `box_ids`; those that no longer exist are left out."""
         found: dict[int, _BoxRow] = {}
-        for chunk in chunks(box_ids):
+        for chunk in bulk.chunks(box_ids):
             rows = self._session.connection().execute(_NAMED_BOXES, {"boxes": chunk})
             found |= {row[0]: row for row in rows}
         return _columns([found[box_id] for box_id in box_ids if box_id in found])
@@ -256,7 +233,7 @@ class FrameRepository:
         """
         found: list[FramePlace] = []
         total = 0
-        rows = run(self._session, _frames_after(wanted), after=after, most=boxes)
+        rows = bulk.run(self._session, _frames_after(wanted), after=after, most=boxes)
         with closing(rows):
             for row in rows:
                 total += row[-1]
@@ -278,23 +255,29 @@ class FrameRepository:
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
         """The senders' own ids of boxes."""
         found: dict[int, str] = {}
-        for chunk in chunks(box_ids):
+        for chunk in bulk.chunks(box_ids):
             rows = select(Box.id, Box.source_id).where(Box.id.in_(chunk))
             found |= {row[0]: row[1] for row in self._session.execute(rows)}
         return found
 
-    def page(self, wanted: FrameFilter, page: PageRequest) -> list[Frame]:
+    def page(
+        self,
+        dataset_id: int,
+        page: PageRequest,
+        key_prefix: str = "",
+        boxes: BoxFilter | None = None,
+    ) -> list[Frame]:
         """The next current frames, sorted by ``key`` or ``id``.
 
-        One more than the limit if there are more. BadCursor if the cursor cannot be a
-        key or an id.
+        One more than the limit if there are more. With `boxes`, only those that have
+        such a box. BadCursor if the cursor cannot be a key or an id.
         """
         by_key, ascending = page.sort.endswith("key"), not page.sort.startswith("-")
         column = Frame.key if by_key else Frame.id
         order = (Frame.dataset_id, column)
         rows = (
             select(Frame)
-            .where(only_in(wanted.dataset_id), Frame.superseded_at.is_(None))
+            .where(only_in(dataset_id), Frame.superseded_at.is_(None))
             .order_by(*(order if ascending else [each.desc() for each in order]))
             .limit(page.limit + 1)
         )
@@ -302,14 +285,13 @@ class FrameRepository:
             read = name_of_cursor if by_key else id_of_cursor
             after = read(page.cursor)
             rows = rows.where(column > after if ascending else column < after)
-        if wanted.key_prefix:
+        if key_prefix:
             rows = rows.where(
-                Frame.key >= wanted.key_prefix,
-                Frame.key < wanted.key_prefix + "\U0010ffff",
+                Frame.key >= key_prefix, Frame.key < key_prefix + "\U0010ffff"
             )
-        if wanted.boxes is not None:
+        if boxes is not None:
             of_frame = Decision.frame_id == Frame.id
-            rows = rows.where(exists().where(of_frame, *wanted.boxes.conditions()))
+            rows = rows.where(exists().where(of_frame, *boxes.conditions()))
         return list(self._session.scalars(rows))
 
     def next_frames(
@@ -442,7 +424,7 @@ class FrameRepository:
 
     def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
         """Reserve this many ids of frames and of boxes; returns the first of each."""
-        rows = run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
+        rows = bulk.run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
         after = dict(rows.all())
         if not after.keys() >= {"frames", "boxes"}:
             raise RuntimeError(f"the table id_blocks has only {sorted(after)}")
@@ -465,28 +447,18 @@ class FrameRepository:
             }
             for file in distinct.values()
         ]
-        run_each(session, _new_blobs(session.connection().dialect.name), blobs)
-        insert_rows(session, Frame, frames)
+        bulk.run_each(session, _new_blobs(session.connection().dialect.name), blobs)
+        bulk.insert_rows(session, Frame, frames)
         files_of_frames = [
             {"frame_id": frame_id, "kind": file.kind, "sha256": file.sha256}
             for frame_id, each in files.items()
             for file in each
         ]
-        insert_rows(session, FrameFile, files_of_frames)
+        bulk.insert_rows(session, FrameFile, files_of_frames)
 
     def add_boxes(self, columns: Mapping[str, Sequence[object]]) -> None:
         """Insert boxes; `app.boxes.current.add` inserts their decisions."""
-        insert_columns(self._session, Box, columns)
-
-    def classify_boxes(self, box_ids: list[int], class_ids: list[int]) -> None:
-        """Set the classes of boxes; see `app.boxes.current.classified_again`."""
-        update_rows(self._session, Box, {"id": box_ids, "class_id": class_ids})
-
-    def supersede(self, frame: Frame) -> None:
-        """Mark a frame as no longer the newest revision under its key."""
-        self._session.execute(
-            update(Frame).where(Frame.id == frame.id).values(superseded_at=utc_now())
-        )
+        bulk.insert_columns(self._session, Box, columns)
 
     def remove(self, dataset_id: int, key: str) -> None:
         """Delete every revision under a key."""
@@ -496,15 +468,12 @@ class FrameRepository:
 
     def box(self, box_id: int) -> Box:
         """A box; raises NotFound."""
-        box = self._session.get(Box, box_id)
-        if box is None:
-            raise NotFound("box", box_id)
-        return box
+        return existing(self._session.get(Box, box_id), "box", box_id)
 
 
 @lru_cache
 def _new_blobs(dialect: str) -> Executable:
-    return insert_of_dialect(dialect, Blob).on_conflict_do_nothing()
+    return bulk.insert_of_dialect(dialect, Blob).on_conflict_do_nothing()
 
 
 class LatestReview(NamedTuple):
@@ -522,17 +491,14 @@ class LatestReview(NamedTuple):
     looked_ms: int | None
 
 
-class LatestAnswers:
+class LatestAnswers(Repository):
     """Reads the latest answers on boxes; only `app.review` writes answers."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def of(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The latest answer on each box that has one."""
         columns = [getattr(Review, name) for name in LatestReview._fields]
         found: dict[int, LatestReview] = {}
-        for chunk in chunks(box_ids):
+        for chunk in bulk.chunks(box_ids):
             newest = (
                 select(Review.box_id, func.max(Review.revision).label("revision"))
                 .where(Review.box_id.in_(chunk))
@@ -591,11 +557,8 @@ BANDS_M: Final = (50, 100, 150, 200)
 """Ends of the bands of distance of a report."""
 
 
-class GhostRepository:
+class GhostRepository(Repository):
     """SQL about where the ghosts of a dataset are."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def by_place(
         self, dataset_id: int

@@ -93,36 +93,30 @@ class CurrentReview(TypedDict):
     created_at: str
 
 
-class ServerFields(TypedDict):
-    """The fields of a decision that only the service can fill.
+class AskedDecision(Decision):
+    """The library's decision on a box, and its bin.
 
-    `config` replaces that of the library: it is the digest of the run's version.
+    With what an answer is worth, and why people are asked, if so.
     """
-
-    box_id: int
-    frame_id: int
-    run: int
-    config: str
-    revision: int
-    review: CurrentReview | None
-    effective_verdict: words.Verdict
-    accepted_tags: list[AcceptedTag]
-
-
-class Asked(TypedDict):
-    """The bin of a box, what an answer is worth, and why people are asked, if so."""
 
     bin: words.Bin
     doubt: int
     question: str | None
 
 
-class AskedDecision(Decision, Asked):
-    """The library's decision on a box, with what is asked about it."""
+class StoredDecision(AskedDecision):
+    """A decision of a stored box, as responses show it.
 
+    `config` is not that of the library, but the digest of the run's version.
+    """
 
-class StoredDecision(AskedDecision, ServerFields):
-    """A decision of a stored box, as responses show it."""
+    box_id: int
+    frame_id: int
+    run: int
+    revision: int
+    review: CurrentReview | None
+    effective_verdict: words.Verdict
+    accepted_tags: list[AcceptedTag]
 
 
 class DecidedFrame(NamedTuple):
@@ -230,14 +224,9 @@ def table_of_boxes(
 ) -> tuple[dict[str, Sequence[object]], int, str | None]:
     """Boxes of the frames after the one whose id is the cursor, as columns.
 
-    Returns
-    -------
-    columns : dict
-        Plain values in the order of `BOX_COLUMNS`, for up to `limit` boxes, or those of
-        one frame.
-    rows : int
-    cursor : str or None
-        The id of the last frame; None if there are no more.
+    Returns the columns, plain values in the order of `BOX_COLUMNS`, of up to `limit`
+    boxes, or those of one frame; how many these are; and as the next cursor the id of
+    the last frame, None if there are no more.
     """
     repository = FrameRepository(session)
     after = 0 if page.cursor is None else id_of_cursor(page.cursor)
@@ -438,14 +427,9 @@ class ExplainingBox(NamedTuple):
 class StoredBoxes:
     """N different boxes of one dataset as columns, each computed on first use.
 
-    Attributes
-    ----------
-    rows : CurrentBoxes
-    frames : mapping of frame ids to EvidenceRow
-        The packed numbers of their frames, and perhaps of frames without boxes here.
-    config : FilterConfig
-        The configuration that decides them.
-    classes : mapping of the dataset's classes to the database's ids
+    `frames` has the packed numbers of their frames by id, and perhaps of frames without
+    boxes here; `classes` the database's ids of the dataset's classes. They are decided
+    by `config`.
     """
 
     rows: CurrentBoxes
@@ -485,7 +469,6 @@ class StoredBoxes:
 
     @cached_property
     def doubts(self) -> Doubts:
-        """The doubt about each box."""
         return doubts(self.evidence, self.config, self.decisions)
 
     @cached_property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping
-from typing import Final, TypedDict
+from typing import Final
 
 from sqlalchemy.orm import Session
 
@@ -30,18 +30,10 @@ _MOST_MOVED_M: Final = 15.0
 """Metres by which the distance of one object changes at most from frame to frame."""
 
 
-class BoxesAlike(TypedDict):
-    """A `wire.Alike` whose boxes are dicts."""
-
-    items: list[StoredDecision]
-    total: int
-    probable: int
-
-
-def boxes_alike(session: Session, box_id: int) -> BoxesAlike:
+def boxes_alike(session: Session, box_id: int) -> dict[str, object]:
     """Boxes without an answer of the same class, reason, cause, hider and band.
 
-    Raises NotFound: there is no such box.
+    A `wire.Alike` whose boxes are dicts. Raises NotFound: there is no such box.
     """
     reader, found = read_box(session, box_id)
     (like,) = reader.records(found)
@@ -71,11 +63,8 @@ def boxes_alike(session: Session, box_id: int) -> BoxesAlike:
     probable = [box for box in alike if _is_nearly(box, like)]
     others = [box for box in alike if not _is_nearly(box, like)]
     items = [*probable, *others][:_MOST_ALIKE]
-    return {
-        "items": items,
-        "total": len(alike),
-        "probable": min(len(probable), len(items)),
-    }
+    are_probable = min(len(probable), len(items))
+    return {"items": items, "total": len(alike), "probable": are_probable}
 
 
 def _hider(decision: StoredDecision) -> str | None:

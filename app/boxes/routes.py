@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Annotated
 
 from anyio import to_thread
-from fastapi import Depends, Query, Request, Response
+from fastapi import Query, Request, Response
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
 
 from app.access.gate import Audited
 from app.boxes import frames
@@ -16,7 +19,7 @@ from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
 from app.boxes.drawing import PICTURES, Drawing, DrawnPictures
 from app.boxes.filter import filters_of, to_filter
-from app.boxes.queries import FrameFilter, PageRequest
+from app.boxes.queries import FrameRepository, PageRequest
 from app.boxes.related import boxes_alike, track_of
 from app.boxes.snapshot import take_snapshot
 from app.catalog.datasets import DatasetRepository
@@ -24,6 +27,7 @@ from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.engine.children import CallCancelled, PixelsRefused
 from app.errors import BadRequest
+from app.http import files
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
@@ -37,75 +41,46 @@ from app.http.deps import (
     current_principal,
     make_room,
 )
-from app.http.files import (
-    FILE,
-    IMMUTABLE,
-    PICTURE,
-    RESUMABLE,
-    REVALIDATE,
-    TAGGED,
-    WEBP,
-    blob_headers,
-    file_response,
-    is_known,
-    known_response,
-    picture_of,
-)
 from app.http.pages import json_response, page_response, page_with_link
-from app.http.routing import (
-    CLIENT_LEFT,
-    ApiRouter,
-    asks_for_head,
-    has_left,
-    without_length,
-)
+from app.http.routing import CLIENT_LEFT, ApiRouter, asks_for_head, has_left
+from app.storage.base import BlobStore
 from filter_core.values import similar
-from unghost.wire.boxes import (
-    BOX_COLUMNS,
-    BOX_FIELDS,
-    USUAL_COLUMNS,
-    Alike,
-    Box,
-    BoxListQuery,
-    BoxPage,
-    BoxTable,
-    BoxTableQuery,
-    DepthBand,
-    DepthSlice,
-    FrameListQuery,
-    Track,
-)
-from unghost.wire.frames import (
-    CropQuery,
-    CropsQuery,
-    Frame,
-    FrameSummary,
-    OverlayQuery,
-    Report,
-    ThumbnailQuery,
-)
+from unghost.wire import boxes as wire
+from unghost.wire import frames as wire_frames
 from unghost.wire.model import Page
 from unghost.wire.words import FileKind
 
 
 async def drawn_response(
-    request: Request, services: ServiceContext, drawing: Drawing, version: str = ""
+    request: Request,
+    services: ServiceContext,
+    plan: Callable[[BlobStore, Session], Drawing],
+    version: str = "",
 ) -> Response:
     """A picture, drawn unless the browser or the service has it cached.
 
-    With a `version` in its address, a browser may keep it without asking again.
+    `plan` finds out what is to be drawn. With a `version` in its address, a browser may
+    keep the picture without asking again.
 
     Each token gets all but one of the places for drawing; further requests wait without
     using a thread. Drawing is cancelled when the client disconnects or the service
     stops: the request can be repeated.
     """
-    headers = blob_headers(drawing.tag) | {
-        "Cache-Control": IMMUTABLE if version else REVALIDATE
+
+    def planned() -> Drawing:
+        with services.database.read() as session:
+            return plan(services.storage, session)
+
+    drawing = await run_in_threadpool(planned)
+    headers = files.blob_headers(drawing.tag) | {
+        "Cache-Control": files.IMMUTABLE if version else files.REVALIDATE
     }
-    if is_known(request, headers["ETag"]):
+    if files.is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if asks_for_head(request):  # drawing it just for its length would be a waste
-        return without_length(Response(media_type=drawing.media_type, headers=headers))
+        unknown = Response(media_type=drawing.media_type, headers=headers)
+        del unknown.headers["content-length"]
+        return unknown
     content = services.one(DrawnPictures).find(drawing.tag)
     if content is None:
         content = await _drawn(request, services, drawing)
@@ -120,13 +95,21 @@ async def _drawn(
 ) -> bytes | None:
     """The picture itself; None if the client has disconnected.
 
-    Raises
-    ------
-    NotReady
-        The service is stopping.
+    Raises NotReady: the service is stopping.
     """
-    cancelled = threading.Event()
-    drawn = asyncio.ensure_future(_draw(request, services, drawing, cancelled))
+    cancelled, admission = threading.Event(), admission_of(request)
+
+    async def draw() -> bytes:
+        async with admission.drawing.of(current_principal(request).token_id):
+            return await to_thread.run_sync(
+                drawing.content,
+                services.drawers,
+                cancelled,
+                services.settings.data / PICTURES,
+                limiter=admission.drawings,
+            )
+
+    drawn = asyncio.ensure_future(draw())
     left = asyncio.ensure_future(has_left(request))
     stop = services.engine.stopping
     try:
@@ -147,38 +130,21 @@ async def _drawn(
         await asyncio.wait({drawn, left})
 
 
-async def _draw(
-    request: Request,
-    services: ServiceContext,
-    drawing: Drawing,
-    cancelled: threading.Event,
-) -> bytes:
-    admission = admission_of(request)
-    async with admission.drawing.of(current_principal(request).token_id):
-        return await to_thread.run_sync(
-            drawing.content,
-            services.drawers,
-            cancelled,
-            services.settings.data / PICTURES,
-            limiter=admission.drawings,
-        )
-
-
 router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 crops_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
-@router.get("/boxes", response_model=BoxPage)
+@router.get("/boxes", response_model=wire.BoxPage)
 def list_boxes(
     caller: Viewer,
     request: Request,
     session: ReadSession,
     services: AppServices,
-    query: Annotated[BoxListQuery, Query()],
+    query: Annotated[wire.BoxListQuery, Query()],
 ) -> Response:
     """Boxes of a dataset, sorted by id, doubt, match or crowding."""
-    names = None if query.fields is None else _named(query.fields, BOX_FIELDS)
+    names = None if query.fields is None else _named(query.fields, wire.BOX_FIELDS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
@@ -194,26 +160,22 @@ def list_boxes(
     return page_response(request, items, cursor, total=total, snapshot=snapshot)
 
 
-@router.get("/boxes/table", response_model=BoxTable)
+@router.get("/boxes/table", response_model=wire.BoxTable)
 def get_table(
     caller: Viewer,
     request: Request,
     session: ReadSession,
-    query: Annotated[BoxTableQuery, Query()],
+    query: Annotated[wire.BoxTableQuery, Query()],
 ) -> Response:
     """Boxes of a dataset as columns, frame by frame: for data frames and tables."""
-    names = USUAL_COLUMNS
+    names = wire.USUAL_COLUMNS
     if query.fields is not None:
-        names = _named(query.fields, BOX_COLUMNS)
+        names = _named(query.fields, wire.BOX_COLUMNS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
     columns, rows, cursor = boxes.table_of_boxes(
-        session,
-        reader,
-        wanted,
-        names,
-        PageRequest("id", query.cursor, query.limit),
+        session, reader, wanted, names, PageRequest("id", query.cursor, query.limit)
     )
     table = {"columns": columns, "rows": rows, "next_cursor": cursor}
     return page_with_link(request, table, cursor)
@@ -222,10 +184,7 @@ def get_table(
 def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
     """The names of a parameter `fields`, in their order, each once.
 
-    Raises
-    ------
-    BadRequest
-        ``unknown_field``: one is not known; the error names the nearest.
+    Raises BadRequest: ``unknown_field``: one is not known; the error names the nearest.
     """
     names = tuple(dict.fromkeys(name.strip() for name in fields.split(",")))
     for name in names:
@@ -240,22 +199,17 @@ def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def _crops(services: AppServices, query: Annotated[CropsQuery, Query()]) -> Drawing:
-    with services.database.read() as session:
-        return frames.crops_of(services, session, query)
-
-
 @router.get(
     "/boxes/crops",
     response_class=Response,
-    responses=picture_of("application/x-tar"),
-    openapi_extra=TAGGED,
+    responses=files.picture_of("application/x-tar"),
+    openapi_extra=files.TAGGED,
 )
 async def get_crops(
     caller: Viewer,
     request: Request,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_crops)],
+    query: Annotated[wire_frames.CropsQuery, Query()],
 ) -> Response:
     """The parts of frames around several boxes, as a tar of WebP files.
 
@@ -263,122 +217,108 @@ async def get_crops(
     box or its picture does not exist. Those that cannot be drawn are missing; the route
     of the one crop says why. A page of small pictures needs few requests with it.
     """
-    version = request.query_params.get("v", "")
-    return await drawn_response(request, services, drawing, version)
+    folder = services.settings.data / PICTURES
+    plan = partial(frames.crops_of, wanted=query, folder=folder)
+    return await drawn_response(request, services, plan, query.v)
 
 
-@router.get("/boxes/{box_id}", response_model=Box)
-def get_box(caller: Viewer, box_id: RowId, session: ReadSession) -> Box:
+@router.get("/boxes/{box_id}", response_model=wire.Box)
+def get_box(caller: Viewer, box_id: RowId, session: ReadSession) -> wire.Box:
     """A box, its decision, and the boxes that overlap it."""
     reader, found = boxes.read_box(session, box_id)
     (decision,) = reader.records(found)
-    return Box.model_validate({**decision, "neighbours": found.neighbours(0)})
+    return wire.Box.model_validate({**decision, "neighbours": found.neighbours(0)})
 
 
-@router.get("/boxes/{box_id}/alike", response_model=Alike)
+@router.get("/boxes/{box_id}/alike", response_model=wire.Alike)
 def get_alike(caller: Viewer, box_id: RowId, session: ReadSession) -> Response:
     """Boxes without an answer of the same class, reason, cause, hider and band."""
     return json_response(boxes_alike(session, box_id))
 
 
-@router.get("/boxes/{box_id}/track", response_model=Track)
+@router.get("/boxes/{box_id}/track", response_model=wire.Track)
 def get_track(caller: Viewer, box_id: RowId, session: ReadSession) -> Response:
     """The same object in the frames of its recording before and after."""
     return json_response({"items": track_of(session, box_id)})
 
 
-@router.get("/boxes/{box_id}/slice", response_model=DepthSlice)
+@router.get("/boxes/{box_id}/slice", response_model=wire.DepthSlice)
 def get_slice(
     caller: Viewer, box_id: RowId, session: ReadSession, services: AppServices
-) -> DepthSlice:
+) -> wire.DepthSlice:
     """Where a box and the pixels in it are on the axis of depth."""
     found = frames.slice_of(services, session, box_id)
-    bands = [DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
-    return DepthSlice(
+    bands = [wire.DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
+    return wire.DepthSlice(
         near=found.near, far=found.far, median=found.median, bands=tuple(bands)
     )
-
-
-def _crop(
-    box_id: RowId, services: AppServices, query: Annotated[CropQuery, Query()]
-) -> Drawing:
-    with services.database.read() as session:
-        return frames.crop_of(services.storage, session, box_id, query)
 
 
 @crops_router.get(
     "/boxes/{box_id}/crop",
     response_class=Response,
-    responses=WEBP,
-    openapi_extra=TAGGED,
+    responses=files.WEBP,
+    openapi_extra=files.TAGGED,
 )
 async def get_crop(
     caller: Viewer,
     request: Request,
+    box_id: RowId,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_crop)],
+    query: Annotated[wire_frames.CropQuery, Query()],
 ) -> Response:
     """The part of the frame around a box as WebP."""
-    version = request.query_params.get("v", "")
-    return await drawn_response(request, services, drawing, version)
+    plan = partial(frames.crop_of, box_id=box_id, wanted=query)
+    return await drawn_response(request, services, plan, query.v)
 
 
 pictures_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
-def _thumbnail(
-    frame_id: RowId, services: AppServices, query: Annotated[ThumbnailQuery, Query()]
-) -> Drawing:
-    with services.database.read() as session:
-        pictures = frames.frame_pictures(services.storage, session, frame_id)
-        return pictures.thumbnail(query.width)
-
-
 @pictures_router.get(
     "/frames/{frame_id}/thumbnail",
     response_class=Response,
-    responses=WEBP,
-    openapi_extra=TAGGED,
+    responses=files.WEBP,
+    openapi_extra=files.TAGGED,
 )
 async def get_thumbnail(
     caller: Viewer,
     request: Request,
+    frame_id: RowId,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_thumbnail)],
+    query: Annotated[wire_frames.ThumbnailQuery, Query()],
 ) -> Response:
     """The image as WebP, not wider than asked for."""
-    version = request.query_params.get("v", "")
-    return await drawn_response(request, services, drawing, version)
 
+    def plan(storage: BlobStore, session: Session) -> Drawing:
+        return frames.frame_pictures(storage, session, frame_id).thumbnail(query.width)
 
-def _overlay(
-    frame_id: RowId, services: AppServices, query: Annotated[OverlayQuery, Query()]
-) -> Drawing:
-    with services.database.read() as session:
-        return frames.overlay_of(services.storage, session, frame_id, query)
+    return await drawn_response(request, services, plan, query.v)
 
 
 @pictures_router.get(
     "/frames/{frame_id}/overlay",
     response_class=Response,
-    responses=PICTURE,
-    openapi_extra=TAGGED,
+    responses=files.PICTURE,
+    openapi_extra=files.TAGGED,
 )
 async def get_overlay(
     caller: Viewer,
     request: Request,
+    frame_id: RowId,
     services: AppServices,
-    drawing: Annotated[Drawing, Depends(_overlay)],
+    query: Annotated[wire_frames.OverlayQuery, Query()],
 ) -> Response:
     """A layer of the frame with its boxes as WebP; without boxes, lossless PNG."""
-    return await drawn_response(request, services, drawing)
+    plan = partial(frames.overlay_of, frame_id=frame_id, wanted=query)
+    return await drawn_response(request, services, plan)
 
 
 @pictures_router.get(
     "/frames/{frame_id}/{kind}",
     response_class=Response,
-    responses=FILE,
-    openapi_extra=RESUMABLE,
+    responses=files.FILE,
+    openapi_extra=files.RESUMABLE,
 )
 def get_file(
     caller: Viewer,
@@ -390,52 +330,59 @@ def get_file(
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
     file = frames.frame_file(session, frame_id, kind)
-    known = known_response(request, file.sha256)
+    known = files.known_response(request, file.sha256)
     if known is not None:
         return known
     if asks_for_head(request):  # only a GET compares the content with its hash
         blob = services.storage.open(file.sha256, size_bytes=file.size_bytes)
-        return file_response(request, blob, file.sha256, file.media_type)
+        return files.file_response(request, blob, file.sha256, file.media_type)
     blob = services.storage.open_verified(file.sha256, size_bytes=file.size_bytes)
-    return file_response(request, blob, file.sha256, file.media_type)
+    return files.file_response(request, blob, file.sha256, file.media_type)
 
 
 frames_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
-@frames_router.get("/datasets/{dataset}/report", response_model=Report)
+@frames_router.get("/datasets/{dataset}/report", response_model=wire_frames.Report)
 def get_report(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """Where the ghosts are: by distance, and the frames with the most of them."""
     found = DatasetRepository(session).named(dataset)
     return json_response(frames.report_of(session, found))
 
 
-@frames_router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])
+@frames_router.get(
+    "/datasets/{dataset}/frames", response_model=Page[wire_frames.FrameSummary]
+)
 def list_frames(
     caller: Viewer,
     request: Request,
     dataset: DatasetName,
     session: ReadSession,
-    query: Annotated[FrameListQuery, Query()],
+    query: Annotated[wire.FrameListQuery, Query()],
 ) -> Response:
     """Frames by key or id; with filters on boxes, only frames that have such a box."""
     found = DatasetRepository(session).named(dataset)
     boxes = to_filter(session, found, query) if filters_of(query) else None
-    rows, cursor = frames.page_of_frames(
-        session,
-        FrameFilter(found.id, query.key, boxes),
-        PageRequest(query.sort, query.cursor, query.limit),
-    )
-    return page_response(request, frames.frame_summaries(session, found, rows), cursor)
+    page = PageRequest(query.sort, query.cursor, query.limit)
+    rows = FrameRepository(session).page(found.id, page, query.key, boxes)
+    listed, following = rows[: query.limit], None
+    if len(rows) > query.limit:
+        last = listed[-1]
+        following = last.key if query.sort.endswith("key") else str(last.id)
+    items = frames.frame_summaries(session, found, listed)
+    return page_response(request, items, following)
 
 
-@frames_router.get("/datasets/{dataset}/frames/{key:any}", response_model=Frame)
+@frames_router.get(
+    "/datasets/{dataset}/frames/{key:any}", response_model=wire_frames.Frame
+)
 def get_frame_by_key(
     caller: Viewer, dataset: DatasetName, key: FrameKey, session: ReadSession
 ) -> Response:
     """The newest revision of the frame under a key."""
-    frame_id = frames.frame_id_of(session, dataset, key)
-    return json_response(frames.describe_frame(session, frame_id))
+    dataset_id = DatasetRepository(session).named(dataset).id
+    frame = FrameRepository(session).current(dataset_id, key)
+    return json_response(frames.describe_frame(session, frame.id))
 
 
 @frames_router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
@@ -454,7 +401,7 @@ def delete_frame(
     return Response(status_code=204)
 
 
-@frames_router.get("/frames/{frame_id}", response_model=Frame)
+@frames_router.get("/frames/{frame_id}", response_model=wire_frames.Frame)
 def get_frame(caller: Viewer, frame_id: RowId, session: ReadSession) -> Response:
     """A frame with its boxes, their evidence, decisions and answers."""
     return json_response(frames.describe_frame(session, frame_id))

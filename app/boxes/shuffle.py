@@ -57,7 +57,6 @@ class Shuffle:
 
     @property
     def places(self) -> int:
-        """The number of places."""
         return 1 << 2 * self.half_bits
 
     def slices(

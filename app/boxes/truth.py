@@ -21,14 +21,9 @@ from unghost.wire.words import Truth
 class KnownTruth:
     """Whether the objects of boxes are visible, where that is known.
 
-    Attributes
-    ----------
-    truth : Truth
-        ``people``: the latest answer on a box, if it is keep or reject; ``instances``:
-        whether the object has a pixel in the instance image.
-    box_ids : (N,) int64, ascending
-        The answered boxes; empty for ``instances``.
-    keep : (N,) bool
+    `truth` is ``instances``: whether the object has a pixel in the instance image; or
+    ``people``: the latest answer on a box, if it is keep or reject. Then `box_ids`
+    (N,) are the answered boxes, ascending, and `keep` (N,) their answers.
     """
 
     truth: Truth
@@ -47,13 +42,7 @@ class KnownTruth:
         )
 
     def rows(self, numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
-        """The boxes of a part of the dataset whose truth is known.
-
-        Returns
-        -------
-        rows : (M,) int64
-        visible : (M,) bool
-        """
+        """Rows (M,) of a part's boxes whose truth is known; (M,): are they visible."""
         if self.truth == "instances":
             return truth_from_instances(numbers.evidence)
         # Other boxes are in another part, or were stored after the numbers were read.
@@ -64,12 +53,8 @@ class KnownTruth:
 def places_in(box_ids: IntArray, some: IntArray) -> tuple[IntArray, BoolArray]:
     """Find boxes in an ascending list.
 
-    Returns
-    -------
-    places : (M,) int64
-        Where those are that the list has.
-    is_there : (len(some),) bool
-        Which of them these are.
+    (M,) int64: the places of those that the list has; (len(some),) bool: which these
+    are.
     """
     places = np.searchsorted(box_ids, some)
     is_there: BoolArray = places < len(box_ids)

@@ -10,20 +10,17 @@ from sqlalchemy.orm import Session
 
 from app.catalog.datasets import is_there, no_dataset
 from app.catalog.frames import KeyRow
+from app.db.base import Repository, existing
 from app.db.bulk import first_row, run
 from app.db.tables import ConfigVersion, Dataset, Frame, Measurement, Problem
-from app.errors import NotFound
 
 _DIGEST: Final = select(ConfigVersion.digest).where(
     ConfigVersion.id == bindparam("config")
 )
 
 
-class ConfigRepository:
+class ConfigRepository(Repository):
     """Rows of `config_versions`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
         """A dataset's version with this digest."""
@@ -33,9 +30,7 @@ class ConfigRepository:
     def with_id(self, config_id: int) -> ConfigVersion:
         """The version with an id from another row."""
         version = self._session.get(ConfigVersion, config_id)
-        if version is None:
-            raise NotFound("config", config_id)
-        return version
+        return existing(version, "config", config_id)
 
     def digest(self, config_id: int) -> str:
         """The digest of a version with an id from another row."""
@@ -50,18 +45,13 @@ class ConfigRepository:
             .where(ConfigVersion.digest == digest, is_there())
         )
         version = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
-        if version is None:
-            raise NotFound("config", digest)
-        return version
+        return existing(version, "config", digest)
 
     def add(self, version: ConfigVersion) -> ConfigVersion:
         """Insert."""
-        self._session.add(version)
-        self._session.flush()
-        return version
+        return self.insert(version)
 
     def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
-        """Digests by id."""
         rows = select(ConfigVersion.id, ConfigVersion.digest).where(
             ConfigVersion.id.in_(set(config_ids))
         )
@@ -140,6 +130,5 @@ def read_active_snapshot(
 def _active_and_key(
     row: Sequence[object] | None, name: str
 ) -> tuple[ActiveRow, KeyRow]:
-    if row is None:
-        raise NotFound("dataset", name)
+    row = existing(row, "dataset", name)
     return ActiveRow._make(row[:_WIDTH]), KeyRow._make(row[_WIDTH:])

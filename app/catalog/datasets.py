@@ -8,7 +8,7 @@ from typing import Final
 from sqlalchemy import ColumnElement, bindparam, exists, func, select, update
 from sqlalchemy.orm import Session
 
-from app.db.base import utc_now
+from app.db.base import Repository, utc_now
 from app.db.bulk import run
 from app.db.tables import Box, Dataset, DatasetClass, Frame, Run, Tally
 from app.errors import Conflict, NoSuchDataset, NotFound, Unprocessable
@@ -50,11 +50,8 @@ _CLASSES: Final = (
 )
 
 
-class DatasetRepository:
+class DatasetRepository(Repository):
     """Rows of `datasets` and `dataset_classes`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def named(self, name: str) -> Dataset:
         """The dataset; NotFound if there is none of this name."""
@@ -91,8 +88,7 @@ class DatasetRepository:
         taken = self._session.scalar(select(Dataset.name).where(alike, is_there()))
         if taken is not None:
             raise Conflict(f"a dataset {taken!r} exists already", code="dataset_exists")
-        self._session.add(dataset)
-        self._session.flush()
+        self.insert(dataset)
         self._append_classes(dataset.id, classes, start=0)
         return dataset
 

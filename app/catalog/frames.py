@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 from sqlalchemy import ColumnElement, bindparam, delete, func, select
 from sqlalchemy.orm import Session
 
+from app.db.base import Repository
 from app.db.bulk import run
 from app.db.engine import once_committed
 from app.db.tables import Frame, Problem, Tally
@@ -23,11 +24,8 @@ _FORGET_PROBLEMS: Final = delete(Problem).where(
 )
 
 
-class ProblemRepository:
+class ProblemRepository(Repository):
     """Rows of `problems`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def forget(self, dataset_id: int, key: str) -> None:
         """Delete the problem of a frame that was stored after all."""

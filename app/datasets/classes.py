@@ -8,37 +8,21 @@ boxes that come with it later get the present one, and annotations stay as they 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
+from app.access.audit import AuditTrail
 from app.boxes.current import TallyRepository
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.tables import Dataset, Run
 from app.errors import Conflict, NoSuchClass
-from app.runs.service import (
-    RunRequest,
-    coming_settings,
-    is_renaming_classes,
-    request_run,
-)
+from app.runs import service as runs
 from filter_core.values import similar
 
 
-class ClassChange(NamedTuple):
-    """A class's name, and the name of the class that its boxes get."""
-
-    former: str
-    name: str
-
-
 def rename_class(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    change: ClassChange,
-    author: str,
+    context: ServiceContext, audit: AuditTrail, dataset: Dataset, former: str, name: str
 ) -> Run:
     """Request the run that gives a class a new name.
 
@@ -47,7 +31,7 @@ def rename_class(
     class; ``classes_frozen``; ``classes_change`` if an open run renames classes;
     ``too_many_classes`` if the new name would be one more than a dataset may have.
     """
-    former, name = change
+    session = audit.session
     listed = _changeable(session, dataset, former)
     if name in listed:
         raise Conflict(
@@ -55,7 +39,7 @@ def rename_class(
             f"into it to make them one",
             code="class_exists",
         )
-    reading, _ = coming_settings(session, dataset)
+    reading, _ = runs.coming_settings(session, dataset)
     owner = reading.renamed_classes.get(name, former)
     if owner != former:
         raise Conflict(
@@ -64,29 +48,24 @@ def rename_class(
             code="class_exists",
         )
     DatasetRepository(session).add_unlisted_class(dataset, name)
-    return _request(context, session, dataset, change, author)
+    return _request(context, audit, dataset, former, name)
 
 
 def merge_class(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    change: ClassChange,
-    author: str,
+    context: ServiceContext, audit: AuditTrail, dataset: Dataset, former: str, into: str
 ) -> Run:
     """Request the run that moves the boxes of a class to another one.
 
     Raises NoSuchClass if there is no such class, and Conflict: ``same_class`` if both
     are one class; ``classes_frozen``; ``classes_change``.
     """
-    former, into = change
-    listed = _changeable(session, dataset, former)
+    listed = _changeable(audit.session, dataset, former)
     _require_class(dataset, into, listed)
     if former == into:
         raise Conflict(
             f"class {former!r} cannot be merged into itself", code="same_class"
         )
-    return _request(context, session, dataset, change, author)
+    return _request(context, audit, dataset, former, into)
 
 
 def remove_class(session: Session, dataset: Dataset, name: str) -> None:
@@ -120,7 +99,7 @@ def _changeable(session: Session, dataset: Dataset, name: str) -> dict[str, int]
             "other classes",
             code="classes_frozen",
         )
-    if is_renaming_classes(session, dataset):
+    if runs.is_renaming_classes(session, dataset):
         raise Conflict(
             f"a run is renaming classes of dataset {dataset.name!r}; change others "
             "when it has ended",
@@ -135,21 +114,16 @@ def _require_class(dataset: Dataset, name: str, listed: dict[str, int]) -> None:
 
 
 def _request(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    change: ClassChange,
-    author: str,
+    context: ServiceContext, audit: AuditTrail, dataset: Dataset, former: str, name: str
 ) -> Run:
-    former, name = change
-    DatasetRepository(session).keep_classes(dataset.id, change)
-    reading, config = coming_settings(session, dataset)
+    session = audit.session
+    DatasetRepository(session).keep_classes(dataset.id, (former, name))
+    reading, config = runs.coming_settings(session, dataset)
     renamed = {
         sent: name if now == former else now
         for sent, now in reading.renamed_classes.items()
     }
     renamed = {sent: now for sent, now in renamed.items() if sent != name}
     coming = replace(reading, renamed_classes={**renamed, former: name})
-    return request_run(
-        context, session, dataset, RunRequest(config, author, True, coming)
-    )
+    wanted = runs.RunRequest(config, audit.name, True, coming)
+    return runs.request_run(context, session, dataset, wanted)

@@ -14,7 +14,7 @@ from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.catalog.datasets import DatasetRepository
 from app.datasets import service as datasets
-from app.datasets.classes import ClassChange, merge_class, remove_class, rename_class
+from app.datasets.classes import merge_class, remove_class, rename_class
 from app.db.pages import name_of_cursor, newest
 from app.db.tables import Problem
 from app.errors import NotFound
@@ -169,9 +169,9 @@ def change_class(
 ) -> Response:
     """Rename a class, or merge it into another, through a run that measures again."""
     found = DatasetRepository(session).named(dataset)
-    change = ClassChange(name, body.name or str(body.merge_into))
     rename = merge_class if body.name is None else rename_class
-    run = rename(services, session, found, change, audit.name)
+    other = body.name or str(body.merge_into)
+    run = rename(services, audit, found, name, other)
     audit.note(
         AuditAction.DATASET_CHANGED,
         dataset,

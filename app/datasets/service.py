@@ -14,7 +14,7 @@ from app.boxes.queries import FrameRepository
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import ProblemRepository
 from app.context import ServiceContext
-from app.db.base import filled, utc_now
+from app.db.base import filled, response_of, utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
@@ -178,21 +178,11 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     frames = FrameRepository(session)
     active = active_config(session, dataset)
-    return wire.Dataset(
-        name=dataset.name,
-        description=dataset.description,
-        rule=dataset.rule,
-        coached=dataset.coached,
+    return response_of(
+        wire.Dataset,
+        dataset,
         classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         classes_frozen=dataset.classes_frozen_at is not None,
-        renamed_classes=dataset.renamed_classes,
-        palette=dataset.palette,
-        encoding=dataset.encoding,
-        channel_order=dataset.channel_order,
-        lossy_segmentation=dataset.lossy_segmentation,
-        has_ignore_mask=dataset.has_ignore_mask,
-        recording=dataset.recording,
-        created_at=dataset.created_at,
         config=active.digest,
         evidence=active.evidence,
         active_run=dataset.active_run_id,

@@ -1,4 +1,4 @@
-"""Shared by all tables: type of keys, UTC times, JSON text and constraint names."""
+"""Shared by all tables and queries: keys, UTC times, JSON text, names, the session."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ from sqlalchemy import (
     TypeDecorator,
 )
 from sqlalchemy.engine import Dialect
-from sqlalchemy.orm import DeclarativeBase, MappedColumn, mapped_column
+from sqlalchemy.orm import DeclarativeBase, MappedColumn, Session, mapped_column
+
+from app.errors import NotFound
+from unghost.wire.model import ResponseModel
 
 _Id = TypeVar("_Id", bound="int | None")
+_Row = TypeVar("_Row")
+_Response = TypeVar("_Response", bound=ResponseModel)
 
 Key = BigInteger().with_variant(Integer, "sqlite")
 """64-bit keys; SQLite assigns ids only to a column of the type INTEGER."""
@@ -110,6 +115,32 @@ def cascading(
         primary_key=primary_key,
         autoincrement=autoincrement,
     )
+
+
+class Repository:
+    """SQL about some rows, on one session."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def insert(self, row: _Row) -> _Row:
+        """Insert a row, which has its id afterwards."""
+        self._session.add(row)
+        self._session.flush()
+        return row
+
+
+def response_of(model: type[_Response], row: Base, **more: object) -> _Response:
+    """A row as responses show it: columns that are fields of the model, and more."""
+    same = model.model_fields.keys() - more.keys()
+    return model.model_validate({name: getattr(row, name) for name in same} | more)
+
+
+def existing(row: _Row | None, kind: str, key: object) -> _Row:
+    """The row that was looked up; NotFound if there is none."""
+    if row is None:
+        raise NotFound(kind, key)
+    return row
 
 
 def utc_now() -> datetime:

@@ -230,7 +230,6 @@ class Database:
         return Path(name) if name and self.engine.dialect.name == "sqlite" else None
 
     def close(self) -> None:
-        """Close all connections."""
         self.engine.dispose()
 
 

@@ -221,16 +221,16 @@ def read_only_engine(database: str | Path) -> Iterator[Engine]:
         except sqlite3.DatabaseError:
             pass  # it is damaged, which later reads report
         engine = create_engine(f"sqlite:///file:{_quoted(file)}?{mode}&uri=true")
-        event.listen(engine, "connect", _set_read_only)
+
+        def set_read_only(connection: sqlite3.Connection, _record: object) -> None:
+            connection.execute("PRAGMA query_only=ON")
+            connection.execute("PRAGMA busy_timeout=30000")
+
+        event.listen(engine, "connect", set_read_only)
     try:
         yield engine
     finally:
         engine.dispose()
-
-
-def _set_read_only(connection: sqlite3.Connection, _record: object) -> None:
-    connection.execute("PRAGMA query_only=ON")
-    connection.execute("PRAGMA busy_timeout=30000")
 
 
 def _uri(file: Path, mode: str) -> str:

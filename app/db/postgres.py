@@ -60,12 +60,12 @@ def make_postgres_engine(
     )
     if turns is not None:  # in this process first, then among all processes
         turns.apply_to(engine)
-    event.listen(engine, "begin", _begin)
-    return engine
 
-
-def _begin(connection: Connection) -> None:
     # Runs, uploads and answers all change a dataset's counts and its active rows. As on
     # SQLite, one transaction writes at a time, so that none has to handle conflicts.
-    if connection.get_execution_options().get("writes", False):
-        connection.exec_driver_sql(_BEGIN_WRITING)
+    def begin(connection: Connection) -> None:
+        if connection.get_execution_options().get("writes", False):
+            connection.exec_driver_sql(_BEGIN_WRITING)
+
+    event.listen(engine, "begin", begin)
+    return engine

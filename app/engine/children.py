@@ -20,8 +20,8 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -51,6 +51,7 @@ _END_S: Final = 1.0
 _start_lock: Final = threading.Lock()
 """One for all pools: a start replaces the main module for a moment, and adds to a list
 that `multiprocessing` keeps of all processes without a lock."""
+_NO_PROGRAM: Final = ModuleType("__main__")
 _DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
 
 
@@ -94,20 +95,10 @@ class Subject(NamedTuple):
 class PixelPool:
     """A pool of child processes, each of which executes one call at a time.
 
-    Children are started on first use. All methods are thread-safe.
-
-    Parameters
-    ----------
-    children : int
-        The maximum number of processes.
-    seconds : float
-        Wall time that one call may take.
-    memory_bytes : int
-        Address space that a child may use in addition to that of its program.
-    preload : names of modules
-        Imported once for all children, where the system can fork.
-    subject : Subject
-        What the pool reads, for error messages.
+    At most `children` are started, on first use. A call may take `seconds` of wall
+    time, and a child `memory_bytes` of address space in addition to that of its
+    program. The modules of `preload` are imported once for all children, where the
+    system can fork. All methods are thread-safe.
     """
 
     def __init__(
@@ -141,23 +132,13 @@ class PixelPool:
     ) -> _Result:
         """Call a function in the next free child, and wait for the result.
 
-        Parameters
-        ----------
-        work : a function at the top of a module
-            It, `args` and the result are pickled.
-        cancelled : threading.Event, optional
-            Set by the caller to cancel: a running child is killed, none is started.
+        `work` is a function at the top of a module; it, `args` and the result are
+        pickled. If the caller sets `cancelled`, a running child is killed, and none is
+        started.
 
-        Raises
-        ------
-        FilterError
-            As `work` raised it.
-        PixelsRefused
-            It took too much time or memory, or crashed two children.
-        CallCancelled
-            `cancelled` was set first, or the pool was closed.
-        ChildFailed
-            `work` raised any other exception.
+        Raises FilterError: as `work` raised it; PixelsRefused: it took too much time or
+        memory, or crashed two children; CallCancelled: `cancelled` was set first, or
+        the pool was closed; ChildFailed: `work` raised any other exception.
         """
         message = pickle.dumps((work, args), pickle.HIGHEST_PROTOCOL)
         try:
@@ -274,8 +255,13 @@ class _Child:
         self._process = context.Process(
             target=_serve, args=(theirs, memory_bytes), name="pixels", daemon=True
         )
-        with _start_lock, _no_main_module():
-            self._process.start()
+        with _start_lock:
+            # Without it, `multiprocessing` imports no main program in the child.
+            program, sys.modules["__main__"] = sys.modules["__main__"], _NO_PROGRAM
+            try:
+                self._process.start()
+            finally:
+                sys.modules["__main__"] = program
         theirs.close()
         try:
             self._pipe.recv_bytes()  # ready: the timeout does not include the start
@@ -284,7 +270,6 @@ class _Child:
             raise _ChildDied(ending_text(self._process.exitcode)) from exc
 
     def is_alive(self) -> bool:
-        """Whether the process runs."""
         return bool(self._process.is_alive())
 
     def ask(
@@ -314,7 +299,6 @@ class _Child:
         self.kill()
 
     def kill(self) -> None:
-        """Kill the process."""
         self._pipe.close()
         self._process.kill()
         self._process.join()
@@ -326,17 +310,6 @@ def ending_text(exitcode: int | None) -> str:
         with suppress(ValueError):
             return f"was ended by {signal.Signals(-exitcode).name}"
     return f"ended with exit code {exitcode}"
-
-
-@contextmanager
-def _no_main_module() -> Iterator[None]:
-    """Keep `multiprocessing` from importing the main program in a child."""
-    program = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = program
 
 
 def _serve(pipe: Connection, memory_bytes: int) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session, undefer
 
+from app.db.base import existing
 from app.db.pages import NewestPage
 from app.db.tables import Dataset, Export
-from app.errors import NotFound
 
 
 class VersionRepository:
@@ -21,9 +21,7 @@ class VersionRepository:
         of_name = Export.dataset_id == self._dataset_id, Export.name == name
         rows = select(Export).where(*of_name, Export.state == "done")
         version = self._session.scalar(rows.options(undefer(Export.frames_state)))
-        if version is None:
-            raise NotFound("version", name)
-        return version
+        return existing(version, "version", name)
 
     def export_of(self, name: str) -> int | None:
         """The export that has a name, or will have it when it is done."""

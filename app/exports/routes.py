@@ -16,15 +16,6 @@ from app.db import tables
 from app.db.pages import newest
 from app.exports import service as exports
 from app.exports.queries import VersionRepository
-from app.exports.service import (
-    EXPORTS,
-    MEDIA_TYPE,
-    ExportRequest,
-    describe_export,
-    finished_file,
-    planned_parts,
-    request_export,
-)
 from app.http.deps import (
     AppServices,
     DatasetName,
@@ -48,7 +39,7 @@ router = ApiRouter(prefix="/api/v1", tag="exports")
 downloads_router = OpenRouter(prefix="/api/v1", tag="exports")
 
 _ARCHIVE: dict[int | str, dict[str, object]] = {
-    **file_of(MEDIA_TYPE),
+    **file_of(exports.MEDIA_TYPE),
     409: {"description": "The export is not finished, or its file was deleted."},
 }
 
@@ -60,7 +51,9 @@ def list_exports(
     """Exports of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = newest(session, tables.Export, found.id, wanted.page)
-    return wanted.response(rows, lambda export: describe_export(export, dataset))
+    return wanted.response(
+        rows, lambda export: exports.describe_export(export, dataset)
+    )
 
 
 @router.get("/datasets/{dataset}/versions", response_model=Page[Export])
@@ -70,7 +63,9 @@ def list_versions(
     """Versions of a dataset, that is, exports with a name, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = VersionRepository(session, found).page(wanted.page)
-    return wanted.response(rows, lambda export: describe_export(export, dataset))
+    return wanted.response(
+        rows, lambda export: exports.describe_export(export, dataset)
+    )
 
 
 @router.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
@@ -84,13 +79,11 @@ def create_export(
 ) -> Response:
     """Start an export of labels; one with class numbers fixes the order of classes."""
     found = DatasetRepository(session).named(dataset)
-    options = body.options.model_dump()
-    wanted = ExportRequest(body.format, options, audit.name, body.name, body.since)
-    export = request_export(services, session, found, wanted)
+    export = exports.request_export(services, session, found, body, audit.name)
     audit.note(
         AuditAction.EXPORT_CREATED, export.id, dataset=dataset, format=body.format
     )
-    return accepted(describe_export(export, dataset))
+    return accepted(exports.describe_export(export, dataset))
 
 
 _SHARE: Final = r"(0|1|[01]?\.[0-9]{1,9})"
@@ -116,7 +109,7 @@ def get_parts(
     """
     found = DatasetRepository(session).named(dataset)
     shares = [float(share) for share in split.split(",") if share]
-    return planned_parts(session, found, shares)
+    return exports.planned_parts(session, found, shares)
 
 
 @router.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)
@@ -128,10 +121,10 @@ def stop_export(
     audit: Audited,
 ) -> Response:
     """Cancel an export; 409 if it has ended already."""
-    export = cancel(services, session, EXPORTS, export_id)
+    export = cancel(services, session, exports.EXPORTS, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id).name
     audit.note(AuditAction.EXPORT_CANCELLED, export_id, dataset=dataset)
-    return accepted(describe_export(export, dataset))
+    return accepted(exports.describe_export(export, dataset))
 
 
 @router.delete("/exports/{export_id}", status_code=204)
@@ -153,7 +146,7 @@ def get_export(caller: Viewer, export_id: RowId, session: ReadSession) -> Export
     """An export and its progress."""
     export = job_with_id(session, tables.Export, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    return describe_export(export, dataset.name)
+    return exports.describe_export(export, dataset.name)
 
 
 @router.get(
@@ -169,7 +162,7 @@ async def watch_export(
     last_event_id: LastEventId = None,
 ) -> Response:
     """The progress of an export, as server-sent events; the last one is `end`."""
-    return await watch(request, services, EXPORTS, export_id, last_event_id)
+    return await watch(request, services, exports.EXPORTS, export_id, last_event_id)
 
 
 @router.get(
@@ -200,7 +193,7 @@ def create_download_link(
     It is valid for five minutes, ranges included, and no longer than the token.
     """
     export = job_with_id(session, tables.Export, export_id)
-    finished_file(services, export)
+    exports.finished_file(services, export)
     key, ends = access.make_link(session, caller.token_id, export_id)
     url = f"/api/v1/exports/{export_id}/file?key={key}"
     return json_response(DownloadLink(url=url, expires_at=ends), 201, NO_STORE)
@@ -233,6 +226,6 @@ def _archive(
 ) -> Response:
     export = job_with_id(session, tables.Export, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    blob = finished_file(services, export)
+    blob = exports.finished_file(services, export)
     name = f"{dataset.name}-{export.format}-{export.id}.zip"
-    return file_response(request, blob, export.sha256 or "", MEDIA_TYPE, name)
+    return file_response(request, blob, export.sha256 or "", exports.MEDIA_TYPE, name)

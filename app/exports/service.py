@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Final
 
 from sqlalchemy.orm import Session
@@ -13,6 +12,7 @@ from app.boxes.queries import FrameRepository
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db import tables
+from app.db.base import response_of
 from app.db.tables import Chunk, Dataset
 from app.errors import Conflict, TryLater
 from app.exports.queries import VersionRepository
@@ -36,19 +36,12 @@ MEDIA_TYPE: Final = "application/zip"
 _RETRY_S: Final = 30
 
 
-@dataclass(frozen=True)
-class ExportRequest:
-    """The parameters of a new export."""
-
-    format: str
-    options: Mapping[str, object]
-    author: str
-    name: str | None = None
-    since: str | None = None
-
-
 def request_export(
-    context: ServiceContext, session: Session, dataset: Dataset, wanted: ExportRequest
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    wanted: wire.ExportIn,
+    author: str,
 ) -> tables.Export:
     """Queue an export; it starts when the transaction is committed.
 
@@ -67,7 +60,8 @@ def request_export(
             f"{taken}; choose another name, or delete that export",
             code="version_exists",
         )
-    fmt = format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
+    options = wanted.options.model_dump()
+    fmt = format_of(wanted.format, ExportOptions.from_mapping(options))
     require_room(context.settings, context.storage)
     if fmt.numbers_classes:
         if is_renaming_classes(session, dataset):
@@ -80,11 +74,11 @@ def request_export(
     export = tables.Export(
         dataset_id=dataset.id,
         format=wanted.format,
-        options=dict(wanted.options),
+        options=options,
         run_id=dataset.active_run_id,
         total=FrameRepository(session).count(dataset.id),
         media_type=MEDIA_TYPE,
-        created_by=wanted.author,
+        created_by=author,
         name=wanted.name,
         since=wanted.since,
     )
@@ -159,15 +153,13 @@ def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
 def describe_export(export: tables.Export, dataset: str) -> wire.Export:
     """An export as responses show it."""
     has_file = export.state == "done" and export.sha256 is not None
-    same = wire.Export.model_fields.keys() - {"dataset", "options", "download"}
-    return wire.Export.model_validate(
-        {
-            **{name: getattr(export, name) for name in same},
-            "dataset": dataset,
-            # Validated on creation, perhaps by an earlier version: read leniently.
-            "options": wire.ExportOptions.read(export.options),
-            "download": f"/api/v1/exports/{export.id}/download" if has_file else None,
-        }
+    return response_of(
+        wire.Export,
+        export,
+        dataset=dataset,
+        # Validated on creation, perhaps by an earlier version: read leniently.
+        options=wire.ExportOptions.read(export.options),
+        download=f"/api/v1/exports/{export.id}/download" if has_file else None,
     )
 
 
@@ -176,6 +168,7 @@ class ExportJobs:
 
     table = tables.Export
     final_step_words: str | None = None
+    work = staticmethod(write_archive)
 
     def may_begin(self, _session: Session, _row: tables.Export) -> bool:
         """True: an export never waits for another job."""
@@ -197,10 +190,6 @@ class ExportJobs:
         """The only chunk; empty if it is planned already."""
         has_chunks = ChunkRepository(session).has_chunks(job_of(row))
         return [] if has_chunks else [PlannedChunk(0, 0, row.total)]
-
-    def work(self, task: Task[tables.Export]) -> None:
-        """Write the file, and end the export."""
-        write_archive(task)
 
     def finish(self, task: Task[tables.Export]) -> None:
         """Do nothing: the only chunk of an export ends it."""

@@ -35,13 +35,7 @@ from app.measuring.active import active_digest
 from app.measuring.queries import EvidenceRow
 from app.storage.base import BlobsUncertain
 from app.storage.room import DeletionSignal
-from filter_core.formats.export import (
-    ExportError,
-    ExportFrame,
-    ExportHead,
-    ExportOptions,
-    GivenAnnotation,
-)
+from filter_core.formats import export as formats
 from filter_core.formats.format import Need
 from filter_core.formats.recording import COMPANIONS
 from filter_core.formats.registry import FORMATS, format_of, write_export
@@ -122,7 +116,7 @@ def _stream(
     # every option, also for those that its format does not have.
     names = FORMATS[export.format].options
     stored = {name: v for name, v in export.options.items() if name in names}
-    options = ExportOptions.from_mapping(stored)
+    options = formats.ExportOptions.from_mapping(stored)
     needs, storage = format_of(export.format, options).needs, task.context.storage
 
     def read(digest: str) -> bytes:
@@ -131,7 +125,7 @@ def _stream(
     frames = ExportFrames(read, session, dataset, needs, task.context.drawers)
     expected = sum(TallyRepository(session).of_dataset(dataset.id).values())
     absent = (dataset.recording or {}).get(COMPANIONS)
-    head = ExportHead(
+    head = formats.ExportHead(
         classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         facts={
             "dataset": dataset.name,
@@ -151,7 +145,7 @@ def _stream(
         facts = {**head.facts, "since": export.since, "removed": gone}
         head = replace(head, facts=facts, expected_boxes=None)
 
-    def reporting() -> Iterator[ExportFrame]:
+    def reporting() -> Iterator[formats.ExportFrame]:
         for done, frame in enumerate(frames):
             task.check()
             task.report(min(done, export.total))
@@ -160,7 +154,7 @@ def _stream(
     with closing(ReproducibleZip(file)) as archive:
         counts = write_export(export.format, reporting(), archive.add, head, options)
     if frames.boxes != expected:
-        raise ExportError(
+        raise formats.ExportError(
             f"expected {expected} boxes, found {frames.boxes}", code="count_mismatch"
         )
     return counts, frames
@@ -180,16 +174,10 @@ def unpack_state(version: Export) -> dict[str, str]:
 class ExportFrames:
     """Iterates over all current frames in order of key, and reads only what is needed.
 
-    `needs` are the parts of a frame that the format uses; child processes draw.
-
-    Attributes
-    ----------
-    known : mapping of str to str
-        Digests of frames by their keys: a frame that still has its digest is left out.
-    digests : dict of str to str
-        The digests of all frames so far: of their files, boxes, decisions and answers.
-    boxes : int
-        How many boxes these have, also those of frames that were left out.
+    `needs` are the parts of a frame that the format uses; child processes draw. A frame
+    that still has its digest in `known`, by its key, is left out. `digests` are those
+    of all frames so far: of their files, boxes, decisions and answers; `boxes` counts
+    the boxes of these, also of frames that were left out.
     """
 
     def __init__(
@@ -214,7 +202,7 @@ class ExportFrames:
         lines += [f"{digest} {key}" for key, digest in self.digests.items()]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
-    def __iter__(self) -> Iterator[ExportFrame]:
+    def __iter__(self) -> Iterator[formats.ExportFrame]:
         frames = FrameRepository(self._session)
         after = ""
         while heads := frames.next_frames(
@@ -257,7 +245,7 @@ class ExportFrames:
         options = SegmentationOptions(palette=palette)
         return self._drawers.run(in_colors, content, options)
 
-    def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
+    def _frame(self, frame: FrameHead, content: _Content) -> formats.ExportFrame:
         wh = (frame.width, frame.height)
         text = content.annotations.get(frame.id, "{}")
         files = content.files.get(frame.id, {})
@@ -268,14 +256,14 @@ class ExportFrames:
         columns = content.columns
         # Whether an annotation may have the labels of a format of this name.
         has_labels = f'"{SOURCE_LABELS}"' in text
-        given = GivenAnnotation(
+        given = formats.GivenAnnotation(
             partial(_annotation, text, self._dataset.renamed_classes),
             wh,
             crowds=_CROWD in text,
             may_be_of=lambda name: has_labels and f'"{name}"' in text,
         )
         said = given.frame if any(key in text for key in _PARTS) else {}
-        return ExportFrame(
+        return formats.ExportFrame(
             key=frame.key,
             wh=wh,
             boxes=content.labels[rows],

@@ -18,7 +18,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from functools import cache, partial
-from ssl import SSLContext
 from typing import Final
 
 import httpx
@@ -184,7 +183,5 @@ async def _post(
             return response.status_code
 
 
-@cache
-def _authorities() -> SSLContext:
-    """The authorities that receivers' certificates are checked with."""
-    return httpx.create_ssl_context()
+_authorities: Final = cache(httpx.create_ssl_context)
+"""The authorities that receivers' certificates are checked with."""

@@ -12,7 +12,7 @@ from sqlalchemy import Row, delete, func, or_, select
 from sqlalchemy.orm import Session
 
 from app.catalog.datasets import is_there
-from app.db.base import rfc3339, utc_now
+from app.db.base import Repository, existing, rfc3339, utc_now
 from app.db.bulk import insert_into
 from app.db.pages import NewestPage
 from app.db.tables import (
@@ -24,7 +24,6 @@ from app.db.tables import (
     PendingReview,
     Tally,
 )
-from app.errors import NotFound
 from app.verdicts import REVIEW_STATES
 from filter_core.decisions.doubt import Bin
 from unghost.wire.words import DeliveredEvent, HookEvent
@@ -33,19 +32,11 @@ KEPT: Final = 200
 """How many deliveries of a hook that are over its log keeps."""
 
 
-class HookRepository:
+class HookRepository(Repository):
     """Rows of `hooks`, without those of deleted datasets.
 
     In its statements, `is_there` holds for hooks without a dataset, too.
     """
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def add(self, hook: Hook) -> None:
-        """Insert."""
-        self._session.add(hook)
-        self._session.flush()
 
     def page(self, page: NewestPage) -> list[Row[Hook, str | None]]:
         """A page of hooks with the names of their datasets, newest first, and one more
@@ -56,10 +47,7 @@ class HookRepository:
     def with_id(self, hook_id: int) -> Hook:
         """One hook; NotFound if there is none."""
         rows = select(Hook).outerjoin(Dataset).where(Hook.id == hook_id, is_there())
-        hook = self._session.scalar(rows)
-        if hook is None:
-            raise NotFound("hook", hook_id)
-        return hook
+        return existing(self._session.scalar(rows), "hook", hook_id)
 
     def delete(self, hook: Hook) -> None:
         """Delete a hook; its deliveries go by cascade."""
@@ -73,11 +61,8 @@ class HookRepository:
         return [hook for hook in self._session.scalars(rows) if event in hook.events]
 
 
-class DeliveryRepository:
+class DeliveryRepository(Repository):
     """Rows of `hook_deliveries`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def queue(
         self, hooks: Iterable[Hook], event: DeliveredEvent, data: Mapping[str, object]
@@ -146,11 +131,8 @@ class DeliveryRepository:
             self._session.execute(old)
 
 
-class PendingReviewRepository:
+class PendingReviewRepository(Repository):
     """Datasets of which some hook wants to know when they have been reviewed."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def changes(self) -> tuple[set[int], set[int]]:
         """Datasets that have begun to have boxes to review, and those that have none

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.catalog.datasets import DatasetRepository
+from app.db.base import response_of
 from app.db.tables import Hook, HookDelivery
 from app.errors import Unprocessable
 from app.hooks.queries import DeliveryRepository, HookRepository
@@ -74,7 +75,7 @@ def create_hook(
         secret=secret,
         created_by=audit.name,
     )
-    HookRepository(audit.session).add(hook)
+    HookRepository(audit.session).insert(hook)
     audit.note(AuditAction.HOOK_CREATED, hook.id, url=hook.url, dataset=wanted.dataset)
     shown = describe_hook(hook, wanted.dataset)
     return wire.NewHook(**dict(shown), secret=secret)
@@ -97,19 +98,12 @@ def ping(session: Session, hook_id: int) -> wire.Delivery:
 
 def describe_hook(hook: Hook, dataset: str | None) -> wire.Hook:
     """A hook as responses show it."""
-    same = wire.Hook.model_fields.keys() - {"dataset"}
-    values = {name: getattr(hook, name) for name in same}
-    return wire.Hook.model_validate({**values, "dataset": dataset})
+    return response_of(wire.Hook, hook, dataset=dataset)
 
 
 def describe_delivery(row: HookDelivery) -> wire.Delivery:
     """A delivery as responses show it."""
     state: DeliveryState = "failed" if row.error else "delivered"
-    same = wire.Delivery.model_fields.keys() - {"state", "status"}
-    return wire.Delivery.model_validate(
-        {
-            **{name: getattr(row, name) for name in same},
-            "state": state if row.due_at is None else "waiting",
-            "status": row.answered,
-        }
-    )
+    if row.due_at is not None:
+        state = "waiting"
+    return response_of(wire.Delivery, row, state=state, status=row.answered)

@@ -41,10 +41,8 @@ class StrictRequest(Request):
     async def json(self) -> object:
         """The body as a value.
 
-        Raises
-        ------
-        Unprocessable
-            ``invalid_request``: it is not JSON, or exceeds a limit of `_LIMITS`.
+        Raises Unprocessable: ``invalid_request``: it is not JSON, or exceeds a limit of
+        `_LIMITS`.
         """
         content = await self.body()
         try:
@@ -88,12 +86,8 @@ def stopping() -> NotReady:
 class UntilStopped:
     """The pieces of a body, until it ends or the service stops.
 
-    `wake` interrupts the task that waits for the next piece.
-
-    Raises
-    ------
-    NotReady
-        The service is stopping. Pieces received before can be used.
+    `wake` interrupts the task that waits for the next piece. Raises NotReady: the
+    service is stopping. Pieces received before can be used.
     """
 
     def __init__(self, pieces: AsyncIterator[bytes], stop: Stop) -> None:
@@ -164,19 +158,10 @@ async def read_parts(
 ) -> list[FormPart]:
     """The parts of a form in the order they were sent.
 
-    Parameters
-    ----------
-    media_type : str
-        The Content-Type, which names the boundary.
-    stream : chunks of the body
-    limits : PartLimits
+    `media_type` is the Content-Type, which names the boundary.
 
-    Raises
-    ------
-    BadRequest
-        ``bad_multipart``: the body is not a form, or is incomplete.
-    TooLarge
-        It has too many parts, or too large a part; the rest is not read.
+    Raises BadRequest: ``bad_multipart``: the body is not a form, or is incomplete;
+    TooLarge: it has too many parts, or too large a part; the rest is not read.
     """
     if len(media_type) > MAX_MEDIA_TYPE_LENGTH:
         raise _unreadable(

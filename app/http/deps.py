@@ -20,13 +20,7 @@ from app.errors import Forbidden
 from app.http.admission import Admission
 from app.security import Principal, includes
 from app.settings import Settings
-from app.storage.room import (
-    DELETING_BYTES,
-    DeletionSignal,
-    Reserve,
-    require_room,
-    require_room_for_answer,
-)
+from app.storage import room
 from unghost.wire.words import Role
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
@@ -43,7 +37,6 @@ def settings_of(request: Request) -> Settings:
 
 
 def database_of(request: Request) -> Database:
-    """The service's database."""
     database: Database = request.app.state.database
     return database
 
@@ -72,15 +65,9 @@ class Gate(Protocol):
 async def authorise(request: Request, needed: Role) -> Principal:
     """Identify the caller and check its role.
 
-    `app.http.routing` calls this for every route that needs a token, before the body
-    is read.
-
-    Raises
-    ------
-    Unauthorised
-        There is no valid token or session.
-    Forbidden
-        The role does not suffice, or another web page sent the request.
+    `app.http.routing` calls this for every route that needs a token, before the body is
+    read. Raises Unauthorised: there is no valid token or session; Forbidden: the role
+    does not suffice, or another web page sent the request.
     """
     gate: Gate = request.app.state.gate
     principal = await gate.identify(request)
@@ -111,23 +98,18 @@ def make_room(services: ServiceContext, session: Session) -> None:
     Call it after the statements that delete, and before the commit. The reserve is
     restored as soon as there is space.
     """
-    if Reserve(services.settings.data).give_up(DELETING_BYTES):
-        once_committed(session, services.one(DeletionSignal).set)
+    if room.Reserve(services.settings.data).give_up(room.DELETING_BYTES):
+        once_committed(session, services.one(room.DeletionSignal).set)
 
 
 def require_room_to_write(services: ServiceContext, session: Session) -> None:
     """Refuse to store what a request has sent if the disk is too full.
 
     This begins the transaction: of several such requests, each sees the disk as the one
-    before has left it.
-
-    Raises
-    ------
-    StorageFull
-        Fewer than `min_free_bytes` are free.
+    before has left it. Raises StorageFull: fewer than `min_free_bytes` are free.
     """
     session.connection()
-    require_room(services.settings, services.storage)
+    room.require_room(services.settings, services.storage)
 
 
 def require_room_to_answer(services: ServiceContext, session: Session) -> None:
@@ -135,17 +117,13 @@ def require_room_to_answer(services: ServiceContext, session: Session) -> None:
 
     The transaction begins first. A request that repeats an idempotency key gets its
     stored response there, which needs no room. With PostgreSQL nothing is refused:
-    answers are on its disk.
-
-    Raises
-    ------
-    StorageFull
-        Less than a quarter of `min_free_bytes` is free.
+    answers are on its disk. Raises StorageFull: less than a quarter of `min_free_bytes`
+    is free.
     """
     session.connection()
     file = services.database.file
     if file is not None:
-        require_room_for_answer(services.settings, file.parent)
+        room.require_room_for_answer(services.settings, file.parent)
 
 
 BEARER = Depends(

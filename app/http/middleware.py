@@ -65,7 +65,6 @@ class NoNewWork(HttpMiddleware):
     """
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         stop: Stop = scope["app"].state.services.engine.stopping
         if stop.is_set() and scope["method"] not in SAFE_METHODS:
             raise stopping()
@@ -97,7 +96,6 @@ class RequestId(HttpMiddleware):
     """Gives each request an id: that of its header if well-formed, else a new one."""
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         request_id = Headers(scope=scope).get("x-request-id", "")
         if not _REQUEST_ID.fullmatch(request_id):
             request_id = uuid.uuid4().hex
@@ -122,7 +120,6 @@ class AccessLog(HttpMiddleware):
         self._metrics = metrics
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         started = time.perf_counter()
         status = 0
 
@@ -159,8 +156,6 @@ class SecurityHeaders(HttpMiddleware):
         ]
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
-
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = list(message.get("headers", ()))
@@ -176,7 +171,6 @@ class Compression(HttpMiddleware):
     """Compresses whole texts, such as JSON, for clients that take gzip; no streams."""
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         accepted = Headers(scope=scope).get("accept-encoding", "").lower()
         if not _GZIP.search(accepted):
             await self._app(scope, receive, send)
@@ -239,7 +233,6 @@ class Problems(HttpMiddleware):
     """Turns every exception into a problem document."""
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         started = False
 
         async def send_and_note(message: Message) -> None:
@@ -278,7 +271,6 @@ class KnownHosts(HttpMiddleware):
         self._hosts = hosts
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         names = Headers(scope=scope).getlist("host")
         if len(names) != 1 and scope["http_version"] == "1.1":
             raise BadRequest(
@@ -314,10 +306,7 @@ class BodyAllowance:
     def count_in(self, held: HeldBytes, *, is_streamed: bool) -> None:
         """Count the whole announced body as held, unless it is streamed.
 
-        Raises
-        ------
-        TooManyRequests, NotReady
-            A limit on the memory for bodies is reached.
+        Raises TooManyRequests, NotReady: a limit on the memory for bodies is reached.
         """
         self.held, self.is_streamed = held, is_streamed
         self.hold(0)
@@ -355,7 +344,6 @@ class BodyLimit(HttpMiddleware):
         self._wait_s = wait_s
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         length = Headers(scope=scope).get("content-length", "0")
         announced = int(length) if length.isdecimal() else 0
         allowance = scope[BODY_ALLOWANCE] = BodyAllowance(announced)

@@ -43,11 +43,8 @@ _UNKNOWN_FORM: Final = re.compile(r"^(?:import|export)\b(?!\()", re.MULTILINE)
 def packs_of(folder: Path) -> dict[str, bytes]:
     """The two packs of the page in this folder, by name.
 
-    Raises
-    ------
-    ValueError
-        A module imports itself by way of others, or imports or exports in a form that
-        is not known here.
+    Raises ValueError: a module imports itself by way of others, or imports or exports
+    in a form that is not known here.
     """
     texts = {}
     for path in sorted((*folder.glob("js/**/*.js"), *folder.glob("vendor/*.js"))):

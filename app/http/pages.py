@@ -45,9 +45,7 @@ class NewestFirst:
 
 
 async def newest_first(
-    request: Request,
-    limit: Limit = 100,
-    cursor: Cursor = None,
+    request: Request, limit: Limit = 100, cursor: Cursor = None
 ) -> NewestFirst:
     """The page that a request names by its parameters."""
     before_id = None if cursor is None else id_of_cursor(cursor)

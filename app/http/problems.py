@@ -25,6 +25,7 @@ from app.errors import AppError
 from app.logs import current_request_id, error_log
 from filter_core.errors import FilterError, NotAvailable, problem_of
 from filter_core.values import pointer_token, similar
+from unghost.wire.frames import CROPS_PATTERN
 from unghost.wire.model import MAX_FAULTS, Fault, Problem
 
 PROBLEM_TYPE: Final = "application/problem+json"
@@ -181,14 +182,25 @@ def refusal_of(exc: Exception) -> Refusal:
     if isinstance(exc, RequestValidationError):
         return _invalid_request(exc)
     if isinstance(exc, HTTPException):
-        return _refusal_by_http(exc)
+        if isinstance(exc.__cause__, AppError):  # raised while FastAPI read the body
+            return _refusal_by_app(exc.__cause__)
+        code = HTTP_CODES.get(exc.status_code, "http_error")
+        headers = exc.headers or {}
+        return Refusal(exc.status_code, code, str(exc.detail), headers=headers)
     if isinstance(exc, ClientDisconnect):  # the response cannot be delivered
         return Refusal(400, "client_disconnected", "the body ended too early")
     known = _translated(exc)
     if isinstance(known, AppError):
         return _refusal_by_app(known)
     if isinstance(known, FilterError):
-        return _refusal_by_filter(known)
+        problem = problem_of(known)
+        faults = tuple(Fault(**one) for one in problem["errors"])
+        more = _more_errors(problem.get("more_errors", 0))
+        # If something is not available, it says which package to install.
+        is_absent = isinstance(known, NotAvailable)
+        where = " on the machine of the server" if is_absent else ""
+        detail = f"{problem['detail']}{where}"
+        return Refusal(422, problem["code"], detail, faults, extensions=more)
     error_log.error("unexpected error", exc_info=exc)
     return Refusal(500, "internal", "the service failed; its log names the request id")
 
@@ -226,46 +238,25 @@ def _translated_sql(exc: Exception, text: str) -> Exception:
 
 def _refusal_by_app(exc: AppError) -> Refusal:
     status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
-    headers = dict(_headers_of(exc))
+    headers: dict[str, str] = {}
     extensions: dict[str, object] = {}
     if isinstance(exc, errors.StaleRevision):
         extensions["current"] = jsonable_encoder(exc.current)
     if isinstance(exc, errors.CountChanged):
         extensions["found"] = exc.found
-    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, extensions)
-
-
-def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
     if isinstance(exc, errors.Unauthorised):
-        yield "WWW-Authenticate", 'Bearer realm="unghost"'
+        headers["WWW-Authenticate"] = 'Bearer realm="unghost"'
     if isinstance(exc, errors.TryLater):
-        yield "Retry-After", str(exc.retry_after_s)
+        headers["Retry-After"] = str(exc.retry_after_s)
     if isinstance(exc, errors.RangeNotSatisfiable):
-        yield "Content-Range", f"bytes */{exc.size_bytes}"
+        headers["Content-Range"] = f"bytes */{exc.size_bytes}"
     if isinstance(exc, (errors.TooLarge, errors.TooSlow)):
-        # The rest of the body is not read.
-        yield "Connection", "close"
-
-
-def _refusal_by_filter(exc: FilterError) -> Refusal:
-    problem = problem_of(exc)
-    faults = tuple(Fault(**one) for one in problem["errors"])
-    more = _more_errors(problem.get("more_errors", 0))
-    detail = problem["detail"]
-    if isinstance(exc, NotAvailable):  # it says which package to install
-        detail = f"{detail} on the machine of the server"
-    return Refusal(422, problem["code"], detail, faults, extensions=more)
+        headers["Connection"] = "close"  # the rest of the body is not read
+    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, extensions)
 
 
 def _more_errors(more: int) -> dict[str, int]:
     return {"more_errors": more} if more else {}
-
-
-def _refusal_by_http(exc: HTTPException) -> Refusal:
-    if isinstance(exc.__cause__, AppError):  # FastAPI wraps what reading a body raises
-        return _refusal_by_app(exc.__cause__)
-    code = HTTP_CODES.get(exc.status_code, "http_error")
-    return Refusal(exc.status_code, code, str(exc.detail), headers=exc.headers or {})
 
 
 def _invalid_request(exc: RequestValidationError, body: object = None) -> Refusal:
@@ -342,6 +333,10 @@ _KINDS: Final[tuple[tuple[type | tuple[type, ...], str], ...]] = (
     ((list, tuple), "a list"),
     (type(None), "null"),
 )
+_WITHOUT_VALUE: Final[Mapping[str, str]] = {
+    "missing": "required, but missing",
+    "extra_forbidden": "unknown name; it may be misspelt",
+}
 _EXPECTED: Final[Mapping[str, str]] = {
     "model_attributes_type": "an object",
     "model_type": "an object",
@@ -388,6 +383,7 @@ _PATTERNS: Final[Mapping[str, str]] = {
     r"^((0|1|[01]?\.[0-9]{1,9})(,(0|1|[01]?\.[0-9]{1,9})){0,2})?$": "up to three "
     "shares from 0 to 1, separated by commas",
     r"^[a-z0-9-]{1,40}$": "1 to 40 of a-z, 0-9 and dash",
+    CROPS_PATTERN: "up to 32 of ID-PAD-HEIGHT, such as 7-0.25-256, separated by commas",
 }
 _WORD: Final = re.compile(r"(?!u[gscd]_)[\w.-]{1,40}")
 """What may be quoted where one of a few words is expected: no secret of ours."""
@@ -400,33 +396,26 @@ def in_words(error: InvalidValue, *, show: bool = False) -> str:
     `show`: whether a found text may be quoted; in a request it may be a token.
     """
     kind, context = str(error["type"]), error.get("ctx") or {}
-    if kind == "missing":
-        return "required, but missing"
-    if kind == "extra_forbidden":
-        return "unknown name; it may be misspelt"
+    if kind in _WITHOUT_VALUE:
+        return _WITHOUT_VALUE[kind]
     if kind == "value_error":
         return str(error["msg"]).removeprefix("Value error, ")
-    expected = _expected(kind, context)
-    if expected is None:
+    is_pattern = kind == "string_pattern_mismatch"
+    words = _EXPECTED.get(kind)
+    if is_pattern:
+        words = _PATTERNS.get(str(context.get("pattern")))
+    if words is None:
         return str(error["msg"])
+    expected = words.format_map(context)
     # For a text, the expectation is enough: "found a text" would add nothing.
     is_text = isinstance(error.get("input"), str)
-    if (kind == "string_pattern_mismatch" and is_text and not show) or (
-        "found" in expected
-    ):
+    if (is_pattern and is_text and not show) or "found" in expected:
         return f"expected {expected}"
     if kind in ("literal_error", "enum") and is_text:
         show = show or _WORD.fullmatch(str(error["input"])) is not None
         if not show:
             return f"expected {expected}"
     return f"expected {expected}, found {_found(error.get('input'), show)}"
-
-
-def _expected(kind: str, context: Mapping[str, object]) -> str | None:
-    if kind == "string_pattern_mismatch":
-        return _PATTERNS.get(str(context.get("pattern")))
-    words = _EXPECTED.get(kind)
-    return None if words is None else words.format_map(context)
 
 
 def _found(value: object, show: bool) -> str:

@@ -71,9 +71,11 @@ class HeadRoute(APIRoute):
             if not asks_for_head(request):
                 return response
             request.scope["method"] = "HEAD"  # so that FileResponse reads no file
-            if isinstance(response, StreamingResponse):
-                return without_body(response)
-            return response
+            if not isinstance(response, StreamingResponse):
+                return response
+            bare = Response(None, response.status_code, background=response.background)
+            bare.raw_headers = response.raw_headers
+            return bare
 
         return respond
 
@@ -90,19 +92,6 @@ def asks_for_head(request: Request) -> bool:
     return bool(request.scope.get(_NO_BODY, False))
 
 
-def without_body(response: Response) -> Response:
-    """A response with the same status and headers, and without a body."""
-    bare = Response(status_code=response.status_code, background=response.background)
-    bare.raw_headers = response.raw_headers
-    return bare
-
-
-def without_length(response: Response) -> Response:
-    """A response to HEAD of unknown length, because its body was not generated."""
-    del response.headers["content-length"]
-    return response
-
-
 class _AnyText(Convertor[str]):
     """``:any`` in a path: any text, with slashes and line breaks.
 
@@ -113,11 +102,9 @@ class _AnyText(Convertor[str]):
     regex = r"[\s\S]*"
 
     def convert(self, value: str) -> str:
-        """The text unchanged."""
         return value
 
     def to_string(self, value: str) -> str:
-        """The text unchanged."""
         return value
 
 
@@ -186,7 +173,6 @@ class OpenRoute(HeadRoute):
         return int(getattr(settings_of(request), name))
 
     async def respond(self, endpoint: Handler, request: Request) -> Response:
-        """Call the endpoint."""
         return await endpoint(request)
 
     def get_route_handler(self) -> Handler:
@@ -213,10 +199,7 @@ class ApiRoute(OpenRoute):
     def role(self) -> Role:
         """The role that the signature of the endpoint names.
 
-        Raises
-        ------
-        TypeError
-            It names none, or several; the service does not start then.
+        Raises TypeError: it names none, or several; the service does not start then.
         """
         roles = {ROLE_OF[call] for call in _calls(self.dependant) if call in ROLE_OF}
         if len(roles) != 1:
@@ -271,12 +254,8 @@ async def _call_in_turn(
 
     Until then the request waits without a thread, so that no token uses all threads, or
     delays the writes of all others. If the client disconnects meanwhile, the endpoint
-    is not called.
-
-    Raises
-    ------
-    DatabaseBusy
-        There was no free place within `wait_s` seconds; None waits without end.
+    is not called. Raises DatabaseBusy: there was no free place within `wait_s` seconds;
+    None waits without end.
     """
     own = places.of(request.state.principal.token_id)
     has_to_wait = own.available_tokens < 1

@@ -60,17 +60,25 @@ class PageFile:
     media_type: str
     etag: str
 
+    @classmethod
+    def of(cls, content: bytes, suffix: str) -> PageFile:
+        """With the media type of this suffix, and a hash of the content as its tag."""
+        digest = hashlib.sha256(content).hexdigest()
+        return cls(content, MEDIA_TYPES[suffix], f'"{digest[:32]}"')
+
 
 def page_file(folder: Path, name: str) -> PageFile:
     """A file below the folder, all style sheets of the page (`STYLES`), or a pack.
 
-    Raises
-    ------
-    NotFound
-        There is no such file, its type is unknown, or it is outside of the folder.
+    Raises NotFound: there is no such file, its type is unknown, or it is outside of the
+    folder.
     """
     if name == STYLES:
-        return _styles(folder)
+        names = _STYLE_LINK.findall(page_file(folder, "index.html").content)
+        sheets = [(link, page_file(folder, link.decode()).content) for link in names]
+        return PageFile.of(
+            b"".join(b"/* %b */\n%b\n" % pair for pair in sheets), ".css"
+        )
     if name in (FIRST, LATER) and (folder / ENTRY).is_file():
         return _packs(folder, page_version(folder))[name]
     try:
@@ -115,35 +123,19 @@ def shell_page(folder: Path, version: str) -> PageFile:
         content = content.replace(
             f'"/static/{old}'.encode(), f'"/static/{new}'.encode()
         )
-    return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
+    return PageFile.of(content, ".html")
 
 
 @lru_cache(maxsize=4)
 def _packs(folder: Path, _version: str) -> dict[str, PageFile]:
     packs = packs_of(folder).items()
-    return {
-        name: PageFile(text, MEDIA_TYPES[".js"], _etag(text)) for name, text in packs
-    }
-
-
-def _styles(folder: Path) -> PageFile:
-    names = _STYLE_LINK.findall(page_file(folder, "index.html").content)
-    sheets = [page_file(folder, name.decode()).content for name in names]
-    content = b"".join(
-        b"/* %b */\n%b\n" % (name, sheet)
-        for name, sheet in zip(names, sheets, strict=True)
-    )
-    return PageFile(content, MEDIA_TYPES[".css"], _etag(content))
+    return {name: PageFile.of(text, ".js") for name, text in packs}
 
 
 @lru_cache(maxsize=512)
 def _read(path: Path, _changed: int) -> PageFile:
     content = path.read_bytes()
-    return PageFile(content, MEDIA_TYPES[path.suffix], _etag(content))
-
-
-def _etag(content: bytes) -> str:
-    return f'"{hashlib.sha256(content).hexdigest()[:32]}"'
+    return PageFile.of(content, path.suffix)
 
 
 def content_security_policy(index: Path) -> str:
@@ -209,15 +201,9 @@ def docs(request: Request) -> Response:
 def _description(app: FastAPI) -> tuple[PageFile, PageFile]:
     """The OpenAPI document and the page of it, kept, since anybody may ask for them."""
     document = app.openapi()
-    files = {
-        ".json": json.dumps(document, ensure_ascii=False).encode(),
-        ".html": docs_page(document).encode(),
-    }
-    machines, people = (
-        PageFile(content, MEDIA_TYPES[suffix], _etag(content))
-        for suffix, content in files.items()
-    )
-    return machines, people
+    text = json.dumps(document, ensure_ascii=False)
+    page = docs_page(document)
+    return PageFile.of(text.encode(), ".json"), PageFile.of(page.encode(), ".html")
 
 
 def _file_response(

@@ -44,17 +44,9 @@ def check_frame(
 ) -> tuple[FrameAnnotation, tuple[int, int], tuple[FileRow, ...], str]:
     """Read the annotation and the headers of the files; nothing is decoded.
 
-    `key` and `annotation` come from `read_key`.
-
-    Returns
-    -------
-    The annotation, (width, height) of the image in px, a row for each file, and the
-    digest of all of it
-
-    Raises
-    ------
-    FilterError
-        The annotation or one of the files is invalid.
+    `key` and `annotation` come from `read_key`. Returns the annotation, (width, height)
+    of the image in px, a row for each file, and the digest of all of it. Raises
+    FilterError: the annotation or one of the files is invalid.
     """
     size = len(upload.annotation)
     limits = _annotation_limits(settings)
@@ -104,17 +96,12 @@ def check_files(
 ) -> tuple[tuple[int, int], tuple[FileRow, ...]]:
     """Check types and sizes, and that files are complete; reads no pixel or point.
 
-    Returns
-    -------
-    (width, height) of the image in px, and a row for each file
+    Returns (width, height) of the image in px, and a row for each file.
 
-    Raises
-    ------
-    PointsError
-        A file is not a point cloud, or not as long as its header says.
-    ImageError
-        A file is not an image, is too large, or has another size than the RGB image;
-        ``unknown_size``: neither a picture nor the camera gives the size of the image.
+    Raises PointsError: a file is not a point cloud, or not as long as its header says;
+    ImageError: a file is not an image, is too large, or has another size than the RGB
+    image; ``unknown_size``: neither a picture nor the camera gives the size of the
+    image.
     """
     headers = {}
     for kind in PICTURES:

@@ -63,20 +63,7 @@ from filter_core.inspection.recording import (
     open_recording,
 )
 from filter_core.inspection.remarks import by_role, facts, recording_text, remarks_on
-from unghost.wire.folders import (
-    FolderClass,
-    FolderEnd,
-    FolderFact,
-    FolderFrame,
-    FolderHead,
-    FolderInspection,
-    FolderRemark,
-    FolderRemedy,
-    FolderStream,
-    PaintedBox,
-    PaintedFrame,
-    UnmatchedFile,
-)
+from unghost.wire import folders as wire
 from unghost.wire.model import Fault, ResponseModel
 
 PREFIX: Final = "folder-"
@@ -106,16 +93,9 @@ class SentFolder:
     """A temporary folder with the files that are being received.
 
     A file that cannot be written there is listed in `refused`; the others are kept.
-    `absent` are the images that were not sent whole.
-
-    Parameters
-    ----------
-    parent : Path
-        Where to create it.
-    most_files : int
-        Maximum number of files and folders together.
-    most_file_bytes : int
-        Maximum size of one file, the same as for reading the archive.
+    `absent` are the images that were not sent whole. `most_files` limits the number of
+    files and folders together, and `most_file_bytes` the size of a file, as when the
+    archive is read.
     """
 
     def __init__(self, parent: Path, most_files: int, most_file_bytes: int) -> None:
@@ -132,13 +112,7 @@ class SentFolder:
         self._files = 0
 
     def add(self, member: Member) -> None:
-        """Write a file.
-
-        Raises
-        ------
-        TooLarge
-            There are more files and folders than allowed.
-        """
+        """Write a file; TooLarge if there are more files and folders than allowed."""
         why = _why_not(member.name, self.root)
         if why is None and member.content is None:
             why = f"larger than {self._most_file_bytes} bytes"
@@ -219,22 +193,11 @@ def _why_not(name: str, root: Path) -> str | None:
 
 @dataclass(frozen=True)
 class FolderTask:
-    """The arguments of a child process that reads a folder.
+    """The arguments of a child process that reads the folder `root`.
 
-    Attributes
-    ----------
-    root : Path
-        The folder with the files.
-    response : Path
-        The file to write.
-    layout : str
-        One of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
-    refused : tuple of (str, str)
-        Files that are not in the folder, each with the reason.
-    absent : tuple of str
-        Images that were not sent whole.
-    most_bytes : int
-        Maximum size of the response.
+    `layout` is one of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
+    `refused` are files that are not in the folder, each with the reason, and `absent`
+    images that were not sent whole. The file `response` gets at most `most_bytes`.
     """
 
     root: Path
@@ -248,19 +211,14 @@ class FolderTask:
 def write_response(task: FolderTask) -> int:
     """Read a folder, inspect it, and write the response, as lines of JSON.
 
-    A folder that cannot be read has no frames; its inspection says why.
-
-    Returns
-    -------
-    int
-        The size of the response in bytes.
-
-    Raises
-    ------
-    LayoutError
-        There is a fault in ``recording.yaml``, or the response would be too large.
+    A folder that cannot be read has no frames; its inspection says why. Returns the
+    size of the response in bytes. Raises LayoutError: there is a fault in
+    ``recording.yaml``, or the response would be too large.
     """
-    source = _only_folder(task.root)
+    # The only folder there, if there is nothing else.
+    visible = [path for path in task.root.iterdir() if not is_hidden(path.name)]
+    only = visible[0] if len(visible) == 1 else task.root
+    source = only if only.is_dir() else task.root
     # There are no links here, and `_name_of` refuses every file that was not sent: its
     # message fits the page better than the reader's, which names an option.
     named = {} if task.layout == "auto" else {"layout": task.layout}
@@ -274,7 +232,7 @@ def write_response(task: FolderTask) -> int:
     settings = description.segmentation_settings()
     with _Response(task, source) as response:
         response.write(
-            FolderHead.model_validate(
+            wire.FolderHead.model_validate(
                 {
                     "layout": opened.layout,
                     "layouts": layouts,
@@ -304,7 +262,7 @@ def write_response(task: FolderTask) -> int:
         )
         response.write_unmatched(opened.frames)
         response.write(
-            FolderEnd(
+            wire.FolderEnd(
                 end=True,
                 frames=response.frames,
                 faulty=response.faulty,
@@ -350,7 +308,7 @@ def _with_sizes(opened: OpenedRecording, task: FolderTask) -> OpenedRecording:
 
 def _shown(
     inspection: Inspection, source: Path, frames: FrameSet, response: _Response
-) -> FolderInspection:
+) -> wire.FolderInspection:
     """An inspection as the response has it, when all frames are written."""
     path, own = source / RECORDING_NAME, None
     if path.is_file():
@@ -359,26 +317,17 @@ def _shown(
     used = Counter(folder_of(f"{root}{os.sep}{name}") for name in response.used)
     left = companions(source, frames, used)
     palette = inspection.segmentation and inspection.segmentation.family
-    return FolderInspection(
+    return wire.FolderInspection(
         why=inspection.why,
         remarks=tuple(
-            FolderRemark(
-                text=remark.text,
-                finding=remark.finding,
-                remedies=tuple(
-                    FolderRemedy(place=place, value=value)
-                    for place, value in remark.remedies
-                ),
-                unknown_classes=remark.unknown_classes,
-                is_serious=remark.is_serious,
-            )
+            wire.FolderRemark.model_validate(remark, from_attributes=True)
             for remark in remarks_on(inspection)
         ),
         facts=tuple(
-            FolderFact(name=name, text=text) for name, text in facts(inspection)
+            wire.FolderFact(name=name, text=text) for name, text in facts(inspection)
         ),
         streams=tuple(
-            FolderStream(
+            wire.FolderStream(
                 role=stream.role,
                 images=stream.images,
                 example=f"{response.top}{stream.example}",
@@ -388,7 +337,7 @@ def _shown(
             for stream in by_role(inspection)
         ),
         classes=tuple(
-            FolderClass(
+            wire.FolderClass(
                 name=labels.name,
                 boxes=labels.boxes,
                 measured_as=labels.measured_as,
@@ -413,22 +362,17 @@ def _shown(
     )
 
 
-def _painted(frame: DrawnFrame) -> PaintedFrame:
+def _painted(frame: DrawnFrame) -> wire.PaintedFrame:
     width, height = frame.wh
-    return PaintedFrame(
+    return wire.PaintedFrame(
         key=frame.key,
         width=width,
         height=height,
         jpeg=None if frame.jpeg is None else b64encode(frame.jpeg).decode(),
-        boxes=tuple(PaintedBox.model_validate(box._asdict()) for box in frame.boxes),
+        boxes=tuple(
+            wire.PaintedBox.model_validate(box._asdict()) for box in frame.boxes
+        ),
     )
-
-
-def _only_folder(root: Path) -> Path:
-    """The only folder in `root`, if there is nothing else there; otherwise `root`."""
-    visible = [path for path in root.iterdir() if not is_hidden(path.name)]
-    only = visible[0] if len(visible) == 1 else root
-    return only if only.is_dir() else root
 
 
 @dataclass
@@ -464,7 +408,7 @@ class _Response:
         return "" if name == "." else f"{name}/"
 
     def write(self, line: ResponseModel) -> None:
-        self._write(_line(line))
+        self._write(_json(line.model_dump()))
 
     def _write(self, line: bytes) -> None:
         self.size += len(line) + 1
@@ -499,12 +443,22 @@ class _Response:
             line = self._frame(source, doubt)
         except LayoutError as fault:
             self.faulty += 1
-            line = _faulty(source.key, fault)
+            told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
+            frame = wire.FolderFrame(
+                key=source.key,
+                annotation=None,
+                annotation_text=None,
+                files={},
+                fault=told,
+            )
+            line = _json(frame.model_dump())
         self._write(line)
 
     def _frame(self, source: FrameSource, doubt: LayoutError | None) -> bytes:
         if problem := source.problem or missing_image(source) or doubt:
-            raise _as_layout_error(problem)
+            raise LayoutError(
+                problem.detail, pointer=problem.pointer, code=problem.kind
+            )
         given = {"image": source.image, "segmentation": source.segmentation}
         given |= source.others
         files = {
@@ -544,7 +498,7 @@ class _Response:
         strange = self._strange(found.layout, {path for path, _ in listed})
         for path, why in (*self.task.refused, *listed, *strange):
             self.unmatched += 1
-            self.write(UnmatchedFile(path=path, why=why))
+            self.write(wire.UnmatchedFile(path=path, why=why))
 
     def _strange(self, layout: str, listed: set[str]) -> Iterator[tuple[str, str]]:
         """Files that belong to no frame, and that no reader of the layout opens."""
@@ -577,25 +531,9 @@ def _relative(path: Path, root: Path) -> str:
     return os.path.relpath(path, root).replace(os.sep, "/")
 
 
-def _as_layout_error(problem: FilterError) -> LayoutError:
-    return LayoutError(problem.detail, pointer=problem.pointer, code=problem.kind)
-
-
-def _faulty(key: str, fault: LayoutError) -> bytes:
-    told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
-    frame = FolderFrame(
-        key=key, annotation=None, annotation_text=None, files={}, fault=told
-    )
-    return _line(frame)
-
-
 _LONG_INTEGER: Final = re.compile(rb"(?<![\d.])\d{16,}(?![\d.eE])")
 """A whole number in JSON that may be beyond 2^53, of which the page would lose digits;
 also in a text."""
-
-
-def _line(line: ResponseModel) -> bytes:
-    return _json(line.model_dump())
 
 
 def _json(line: dict[str, object]) -> bytes:

@@ -35,18 +35,9 @@ class UploadRequest:
 class UploadedFrame:
     """A frame as it was received, alone or in an archive.
 
-    Attributes
-    ----------
-    key : str
-        The frame's name in its dataset.
-    annotation : bytes
-        JSON.
-    files : dict
-        The bytes of each file by its kind.
-    may_rename : bool
-        Whether the annotation may name another key, as in an archive.
-    fault : AppError or None
-        A fault that was found while it was received.
+    `key` is its name in its dataset; with `may_rename`, as in an archive, the
+    annotation, which is JSON, may have another one. `files` has the bytes of each file
+    by its kind. `fault` was found while it was received.
     """
 
     key: str
@@ -65,20 +56,10 @@ class UploadedFrame:
 class ReadyFrame:
     """A measured frame whose files are written, and whose rows are not.
 
-    Attributes
-    ----------
-    key : str
-    files : tuple of FileRow
-        A row for each file.
-    contents : mapping
-        The bytes by kind of those files that some measurement reads.
-    digest : str
-        Identifies the content: equal content has an equal digest.
-    measured : MeasuredFrame
-    active : ActiveDataset
-        Its dataset, with the measurement to which the numbers belong.
-    drafts : Drafts
-        Its files, which `storage.settle` makes durable.
+    `contents` has the bytes by kind of those `files` that some measurement reads. Equal
+    content has an equal `digest`. `active` is its dataset, with the measurement to
+    which the numbers belong; `drafts` are its files, which `storage.settle` makes
+    durable.
     """
 
     key: str

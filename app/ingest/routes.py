@@ -1,4 +1,4 @@
-"""Routes that store frames, one or many, and that look up stored keys."""
+"""Routes that store frames, look up stored keys, and read a dropped folder."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import asyncio
 import json
 import threading
 from collections import Counter
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Final
 
-from anyio import to_thread
+from anyio import CancelScope, to_thread
 from fastapi import Depends, Query, Request, Response
+from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
+from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from app.boxes import frames
@@ -36,24 +40,21 @@ from app.http.deps import (
 from app.http.middleware import BODY_ALLOWANCE
 from app.http.pages import json_response
 from app.http.problems import refusal_of
-from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left
+from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left, streamed_up_to
 from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
 from app.ingest.check import KINDS
+from app.ingest.folder import MOST_LONGER, FolderTask, SentFolder, write_response
 from app.ingest.frame import EndedFrame, RefusedFrame, UploadedFrame, UploadRequest
 from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
+from app.ingest.tar import TarLimits, TarStream
 from app.logs import current_request_id
 from app.measuring.active import PlanCache
 from app.storage.room import require_room
-from unghost.wire.frames import (
-    BatchEnd,
-    BatchLine,
-    KnownFrame,
-    KnownFrames,
-    KnownFramesIn,
-)
-from unghost.wire.frames import StoredFrame as FrameAnswer
+from filter_core.formats.recording import known_layouts
+from unghost.wire import folders
+from unghost.wire import frames as wire
 from unghost.wire.model import Problem, ResponseModel
 
 ARCHIVE: Final = "application/x-tar"
@@ -61,6 +62,7 @@ LINES: Final = "application/x-ndjson"
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 known_frames_router = ApiRouter(prefix="/api/v1", tag="frames")
+folders_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 ARCHIVE_BODY: Final = {
     "requestBody": {
@@ -97,8 +99,8 @@ CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
     "/datasets/{dataset}/batches",
     response_class=Response,
     responses=lines_of(
-        BatchLine,
-        BatchEnd,
+        wire.BatchLine,
+        wire.BatchEnd,
         description="A line per frame as soon as it is stored, and a last one.",
     ),
     openapi_extra={**LARGE_BODY, **ARCHIVE_BODY},
@@ -181,13 +183,13 @@ class BatchResponse(Response):
             return  # the response cannot be delivered
         except Exception as error:
             why["problem"] = self._problem(error)
-        yield _line(BatchEnd(end=True, frames=told.total(), **why, **told))
+        yield _line(wire.BatchEnd(end=True, frames=told.total(), **why, **told))
 
     def _told(self, frame: EndedFrame, told: Counter[str]) -> bytes:
         """The line of a frame; also counts the frame."""
         if isinstance(frame, RefusedFrame):
             status, kind = refusal_of(frame.error).status, "refused"
-            line = BatchLine(
+            line = wire.BatchLine(
                 key=frame.key,
                 status=status,
                 frame_id=None,
@@ -200,7 +202,7 @@ class BatchResponse(Response):
             is_new = isinstance(frame, NewFrame)
             status, kind = (201, "stored") if is_new else (200, "same")
             notes = frame.ready.measured.notes if isinstance(frame, NewFrame) else ()
-            line = BatchLine(
+            line = wire.BatchLine(
                 key=frame.key,
                 status=status,
                 frame_id=frame.frame_id,
@@ -219,7 +221,7 @@ class BatchResponse(Response):
         )
 
 
-def _line(line: BatchLine | BatchEnd) -> bytes:
+def _line(line: wire.BatchLine | wire.BatchEnd) -> bytes:
     told = line.model_dump(mode="json")
     return json.dumps(told, ensure_ascii=False).encode() + b"\n"
 
@@ -273,11 +275,7 @@ def described_body() -> dict[str, object]:
         "$ref": "#/components/schemas/Annotation",
         "description": "Boxes, camera and more, as JSON.",
     }
-    schema = {
-        "type": "object",
-        "properties": properties,
-        "required": [ANNOTATION],
-    }
+    schema = {"type": "object", "properties": properties, "required": [ANNOTATION]}
     encoding = {ANNOTATION: {"contentType": "application/json"}}
     content = {_MEDIA_TYPE: {"schema": schema, "encoding": encoding}}
     body = {"requestBody": {"required": True, "content": content}}
@@ -296,8 +294,8 @@ async def frame_upload(key: FrameKey, parts: FrameParts) -> UploadedFrame:
 @upload_router.put(
     "/datasets/{dataset}/frames/{key:any}",
     status_code=201,
-    response_model=FrameAnswer,
-    responses={200: {"model": FrameAnswer, "description": "Stored already."}},
+    response_model=wire.StoredFrame,
+    responses={200: {"model": wire.StoredFrame, "description": "Stored already."}},
     openapi_extra=described_body(),
 )
 async def put_frame(
@@ -312,21 +310,28 @@ async def put_frame(
     # It is one of a few for uploads alone: slow frames could occupy all shared ones.
     places = admission_of(request).uploads
     async with until_left(request) as cancelled:
-        return await to_thread.run_sync(
-            _store, services, common, upload, cancelled, limiter=places
-        )
+
+        def store() -> Response:
+            if cancelled.is_set():  # while the request waited for its place
+                raise CallCancelled
+            stored = add_frame(services, common, upload, cancelled)
+            headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
+            if isinstance(stored, NewFrame):
+                # After the transaction, since it takes as long as inserting all rows.
+                return json_response(stored.describe(), 201, headers)
+            with services.database.read() as session:
+                described = frames.describe_stored(session, stored.frame_id)
+            return json_response(described, 200, headers)
+
+        return await to_thread.run_sync(store, limiter=places)
 
 
 @asynccontextmanager
 async def until_left(request: Request) -> AsyncIterator[threading.Event]:
     """An event that is set when the client disconnects, so that work can be cancelled.
 
-    Raises
-    ------
-    ClientDisconnect
-        The work was cancelled (`CallCancelled`), as the client has left.
-    NotReady
-        The work was cancelled, as the service stops.
+    Raises ClientDisconnect: the work was cancelled (`CallCancelled`), as the client has
+    left; NotReady: the work was cancelled, as the service stops.
     """
 
     async def watch() -> None:
@@ -343,35 +348,153 @@ async def until_left(request: Request) -> AsyncIterator[threading.Event]:
         watching.cancel()
 
 
-def _store(
-    services: ServiceContext,
-    common: UploadRequest,
-    upload: UploadedFrame,
-    cancelled: threading.Event,
-) -> Response:
-    if cancelled.is_set():  # while the request waited for its place
-        raise CallCancelled
-    stored = add_frame(services, common, upload, cancelled)
-    headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
-    if isinstance(stored, NewFrame):
-        # After the transaction, since it takes as long as inserting all rows.
-        return json_response(stored.describe(), 201, headers)
-    with services.database.read() as session:
-        described = frames.describe_stored(session, stored.frame_id)
-    return json_response(described, 200, headers)
-
-
 @known_frames_router.post(
-    "/datasets/{dataset}/known-frames", response_model=KnownFrames
+    "/datasets/{dataset}/known-frames", response_model=wire.KnownFrames
 )
 def find_known_frames(
-    caller: Reviewer, dataset: DatasetName, body: KnownFramesIn, session: ReadSession
-) -> KnownFrames:
+    caller: Reviewer,
+    dataset: DatasetName,
+    body: wire.KnownFramesIn,
+    session: ReadSession,
+) -> wire.KnownFrames:
     """Which of up to 1000 keys are stored, each with the digest of its content."""
     found = DatasetRepository(session).named(dataset)
     known = tuple(
-        KnownFrame(key=key, frame_id=row.frame_id, digest=row.content_digest)
+        wire.KnownFrame(key=key, frame_id=row.frame_id, digest=row.content_digest)
         for key, row in sorted(key_rows(session, found.id, body.keys).items())
         if row.frame_id is not None and row.content_digest is not None
     )
-    return KnownFrames(items=known)
+    return wire.KnownFrames(items=known)
+
+
+def _known_layout(name: str) -> str:
+    """Checks a layout before the files are received; the server may have plug-ins."""
+    known = known_layouts(name)
+    if name not in known:
+        raise ValueError(f"expected one of {', '.join(known)}")
+    return name
+
+
+@folders_router.post(
+    "/folders",
+    response_class=Response,
+    responses=lines_of(
+        folders.FolderHead,
+        folders.FolderFrame,
+        folders.UnmatchedFile,
+        folders.FolderEnd,
+        description="A line about the folder, one per frame, one per file that belongs "
+        "to no frame, and a last line with the inspection.",
+    ),
+    openapi_extra={**streamed_up_to("max_folder_bytes"), **ARCHIVE_BODY},
+)
+async def read_folder(
+    caller: Reviewer,
+    request: Request,
+    services: AppServices,
+    layout: Annotated[
+        folders.LayoutName,
+        AfterValidator(_known_layout),
+        Query(description="How the files of the folder are arranged."),
+    ] = "auto",
+) -> Response:
+    """List the frames in a folder and inspect it, without storing them.
+
+    The body is a tar of its files: labels and lists as they are; of each kind of image
+    some whole, for evenly spread frames, which are looked at; the others without
+    content, or, where the size matters (KITTI's `image_2`), with the first 24 bytes of
+    a PNG or 64 KiB of a JPEG. A `recording.yaml` in the folder says how it is read; as
+    JSON, too. A folder that cannot be read has no frames, and its inspection says why.
+    """
+    expect_archive(request)
+    settings = services.settings
+    async with AsyncExitStack() as opened:
+        opened.enter_context(services.one(OpenBatches).enter(settings))
+        sent = await opened.enter_async_context(_sent_folder(services))
+        await _receive(request, services, sent)
+        task = FolderTask(
+            root=sent.root,
+            response=sent.response,
+            layout=layout,
+            refused=tuple(sent.refused),
+            absent=tuple(sent.absent),
+            most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
+        )
+        async with until_left(request) as cancelled:
+            read = partial(services.folders.run, write_response, task)
+            size = await to_thread.run_sync(
+                partial(read, cancelled=cancelled),
+                limiter=admission_of(request).folders,
+            )
+        return FolderResponse(sent.response, size, opened.pop_all())
+
+
+@asynccontextmanager
+async def _sent_folder(services: ServiceContext) -> AsyncIterator[SentFolder]:
+    """A temporary folder for the files of a request, deleted when the block ends."""
+    settings, storage = services.settings, services.storage
+    limits = settings.max_folder_files, int(settings.max_part_bytes)
+
+    def new() -> SentFolder:
+        require_room(settings, storage)
+        return SentFolder(storage.temporary_folder(), *limits)
+
+    sent = await run_in_threadpool(new)
+    try:
+        yield sent
+    finally:
+        with CancelScope(shield=True):
+            await run_in_threadpool(sent.remove)
+
+
+async def _receive(
+    request: Request, services: ServiceContext, sent: SentFolder
+) -> None:
+    """Write the files of the body to the folder while they are received."""
+    settings, stop = services.settings, services.engine.stopping
+    limits = TarLimits(
+        max_archive_bytes=int(settings.max_folder_bytes),
+        max_member_bytes=int(settings.max_part_bytes),
+        # A long name is a member of its own, before the member that has it.
+        max_members=2 * settings.max_folder_files,
+    )
+    archive = TarStream(limits, any_name=True)
+    held: HeldBytes = request.scope[BODY_ALLOWANCE].held
+
+    def add_files(chunk: bytes) -> None:
+        for member in archive.feed(chunk):
+            sent.add(member)
+
+    pieces = UntilStopped(request.stream(), stop)
+    with stop.calling(pieces.wake):
+        async for chunk in pieces:
+            await run_in_threadpool(add_files, chunk)
+            held.hold(archive.size_bytes)
+    archive.close()
+    held.hold(0)
+
+
+class FolderResponse(StreamingResponse):
+    """A response from a temporary folder, which is deleted once it is sent or fails."""
+
+    def __init__(self, file: Path, size: int, opened: AsyncExitStack) -> None:
+        super().__init__(
+            _pieces(file), media_type=LINES, headers={"Content-Length": str(size)}
+        )
+        self._opened = opened
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the response, then delete the folder."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            await self._opened.aclose()
+
+
+_PIECE: Final = 256 * 1024
+
+
+def _pieces(file: Path) -> Iterator[bytes]:
+    with file.open("rb") as stream:
+        while piece := stream.read(_PIECE):
+            yield piece

@@ -73,7 +73,6 @@ class NewFrame(StoredFrame):
 
     @property
     def boxes(self) -> int:
-        """How many boxes it has."""
         return len(self.decisions.reason)
 
     @property
@@ -299,16 +298,11 @@ def _carry_answers(
 ) -> tuple[list[LatestReview], list[tuple[str, str]]]:
     """Repeat the latest answers on boxes of the same class and place in the image.
 
-    Returns
-    -------
-    carried : list of LatestReview
-        The repeated answers, each the first on its new box.
-    dropped : list of (str, str)
-        The box's id and the reviewer of each answer that is dropped, in order of the
-        boxes: these no longer exist, have changed, or have no answer in force. Answers
-        that another person cleared or replaced, in any revision, count: otherwise
-        people could remove others' answers by clearing them first. Answers that their
-        author has undone do not count.
+    Returns the repeated answers, each the first on its new box, and of each answer that
+    is dropped the box's id and the reviewer, in order of the boxes: these no longer
+    exist, have changed, or have no answer in force. Answers that another person cleared
+    or replaced, in any revision, count: otherwise people could remove others' answers
+    by clearing them first. Answers that their author has undone do not count.
     """
     reviews = ReviewRepository(session)
     answered = reviews.ever_answered(former.id)

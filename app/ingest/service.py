@@ -82,19 +82,12 @@ def prepare_frame(
 ) -> PreparedFrame:
     """Check and measure one frame and write its files; no transaction is open.
 
-    Returns
-    -------
-    ReadyFrame
-        To be passed to `store_frames`, as a `RefusedFrame` is; otherwise its drafts
-        have to be passed to `storage.discard`.
-    StoredFrame
-        The dataset has this frame already.
-    RefusedFrame
+    A ReadyFrame is to be passed to `store_frames`, as a RefusedFrame is; otherwise its
+    drafts have to be passed to `storage.discard`. A StoredFrame is in the dataset
+    already.
 
-    Raises
-    ------
-    app.engine.children.CallCancelled
-        `cancelled` was set while a child process measured it.
+    Raises app.engine.children.CallCancelled: `cancelled` was set while a child process
+    measured it.
     """
     key = upload.key
     try:
@@ -252,7 +245,7 @@ def _measured_again(
     active, _ = context.one(PlanCache).before_measuring(
         context.database, request.dataset, frame.key
     )
-    if frame.active.row.measurement_digest == active.row.measurement_digest:
+    if frame.is_measured_for(active):
         return frame
     before = frame.measured
     files = FrameFiles.of(frame.contents, before.wh, active.plan.files)
@@ -289,8 +282,7 @@ def _write(
             key = frame.key[:MAX_KEY]
             note_problem(session, active.row.dataset_id, key, end.error)
         ended[frame.key] = end
-    measurement = active.row.measurement_digest
-    if any(frame.active.row.measurement_digest != measurement for frame in new):
+    if not all(frame.is_measured_for(active) for frame in new):
         raise _MeasuredOtherwise
     # Garbage collection waits for its turn to write, so files that exist now stay until
     # this transaction ends.

@@ -14,9 +14,8 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from sqlalchemy import ColumnElement, delete, func, select, update
-from sqlalchemy.orm import Session
 
-from app.db.base import utc_now
+from app.db.base import Repository, utc_now
 from app.db.bulk import insert_into, insert_rows
 from app.db.tables import Chunk
 from app.engine.chunk import Job
@@ -33,11 +32,8 @@ class PlannedChunk(NamedTuple):
     frames: int
 
 
-class ChunkRepository:
+class ChunkRepository(Repository):
     """Rows of `chunks`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def plan(self, job: Job, planned: Iterable[PlannedChunk]) -> list[int]:
         """Add chunks to a job; returns their numbers."""
@@ -56,10 +52,6 @@ class ChunkRepository:
         """Delete a job's final step, by which its process notices a cancellation."""
         waiting = Chunk.number == FINAL_STEP, Chunk.state == "waiting"
         self._session.execute(delete(Chunk).where(*_chunks_of(job), *waiting))
-
-    def has_final_step(self, job: Job) -> bool:
-        """Whether the final step is planned, and was not withdrawn."""
-        return self.find(job, FINAL_STEP) is not None
 
     def find(self, job: Job, number: int) -> Chunk | None:
         """A chunk, unless its job has been removed."""
@@ -95,7 +87,6 @@ class ChunkRepository:
         return self._session.scalar(rows) or 0
 
     def has_chunks(self, job: Job) -> bool:
-        """Whether a job has chunks."""
         return self._last_number(job) > 0
 
     def mark_done(self, job: Job, number: int) -> None:

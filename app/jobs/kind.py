@@ -116,7 +116,6 @@ def kinds() -> tuple[AnyKind, ...]:
 
 
 def kind_of(job: Job) -> AnyKind:
-    """The kind of a job."""
     return _KINDS[job.kind]
 
 
@@ -179,16 +178,9 @@ class Task(Generic[Row]):
                     self.row(session)
                 # A cancellation cannot change the job's row before the final step's
                 # transaction has ended. So it deletes the row of the step (its chunk).
-                elif not ChunkRepository(session).has_final_step(self.job):
+                elif self.chunk(session) is None:
                     raise JobStopped(self.job)
             self._row_read_at = time.monotonic()
-
-    def check_wanted(self) -> None:
-        """As `check`, but does not raise because the service stops.
-
-        So frames that are measured by then are still stored.
-        """
-        self.context.engine.check_wanted(self.job)
 
     def report(self, done: int) -> None:
         """Publish how many frames are done, for clients that watch.
@@ -220,10 +212,6 @@ class Task(Generic[Row]):
                     self.check()
                     self.context.engine.stopping.wait(min(left, _CHECK_EVERY_S))
         return use_storage()
-
-    def chunk_done(self, session: Session) -> None:
-        """Mark the chunk as done in this transaction; idempotent."""
-        ChunkRepository(session).mark_done(self.job, self.number)
 
     def end_job(self, session: Session) -> None:
         """End the job as done in this transaction; JobStopped if it has ended."""

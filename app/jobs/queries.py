@@ -15,10 +15,9 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.catalog.datasets import is_deleted
-from app.db.base import utc_now
+from app.db.base import existing, utc_now
 from app.db.tables import Chunk, Installation, JobRow, Lease
 from app.engine.chunk import Job, JobStopped
-from app.errors import NotFound
 from app.jobs.chunks import ChunkRepository
 from unghost.wire.words import FinishedState
 
@@ -42,9 +41,7 @@ def find_job(session: Session, table: type[Row], job_id: int) -> Row | None:
 def job_with_id(session: Session, table: type[Row], job_id: int) -> Row:
     """A job's row; NotFound, also if it was deleted with its dataset."""
     row = find_job(session, table, job_id)
-    if row is None:
-        raise NotFound(table.job_kind, job_id)
-    return row
+    return existing(row, table.job_kind, job_id)
 
 
 def open_job(session: Session, table: type[Row], job_id: int) -> Row:

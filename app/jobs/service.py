@@ -19,21 +19,11 @@ from app.db.tables import JobRow
 from app.engine.chunk import Job
 from app.engine.local import CHUNK_FRAMES
 from app.errors import Conflict, TooManyRequests
+from app.jobs import queries
 from app.jobs.chunks import ChunkRepository
 from app.jobs.driver import drive_job
 from app.jobs.kind import JobKind, all_open_jobs, kind_of, kinds
 from app.jobs.leases import Leases
-from app.jobs.queries import (
-    OPEN,
-    Row,
-    close,
-    count_open,
-    find_job,
-    forget_jobs,
-    job_of,
-    job_with_id,
-    open_jobs,
-)
 from app.settings import Settings
 
 _RETRY_S: Final = 10
@@ -47,7 +37,7 @@ def queue_job(context: ServiceContext, session: Session, row: JobRow) -> None:
     require_place(session, context.settings)
     session.add(row)
     session.flush()
-    once_committed(session, partial(start, context, [job_of(row)]))
+    once_committed(session, partial(start, context, [queries.job_of(row)]))
 
 
 def require_place(session: Session, settings: Settings) -> None:
@@ -58,7 +48,10 @@ def require_place(session: Session, settings: Settings) -> None:
     """
     tables = [kind.table for kind in kinds()]
     named = " and ".join(f"{table.job_kind}s" for table in tables)
-    if sum(count_open(session, table) for table in tables) >= settings.max_open_runs:
+    if (
+        sum(queries.count_open(session, table) for table in tables)
+        >= settings.max_open_runs
+    ):
         raise TooManyRequests(
             f"{settings.max_open_runs} {named} are queued or running already; "
             "try again when one of them has ended",
@@ -111,8 +104,8 @@ def start_waiting(context: ServiceContext, job: Job) -> None:
 
 
 def cancel(
-    context: ServiceContext, session: Session, kind: JobKind[Row], job_id: int
-) -> Row:
+    context: ServiceContext, session: Session, kind: JobKind[queries.Row], job_id: int
+) -> queries.Row:
     """Cancel a job; results that it has stored so far stay.
 
     If the transaction fails, the job continues. Raises NotFound: there is no such job;
@@ -120,11 +113,11 @@ def cancel(
     """
     job = Job(kind.table.job_kind, job_id)
     interrupt(context, session, job)
-    row = job_with_id(session, kind.table, job_id)
-    if row.state not in OPEN:
+    row = queries.job_with_id(session, kind.table, job_id)
+    if row.state not in queries.OPEN:
         detail = f"{job.kind} {job_id} is {row.state} already"
         raise Conflict(detail, code=f"{job.kind}_over")
-    close(session, row, "cancelled")
+    queries.close(session, row, "cancelled")
     once_committed(session, partial(start_waiting, context, job))
     return row
 
@@ -154,8 +147,8 @@ def end_all(session: Session, dataset_id: int) -> None:
     The chunks and leases of all its jobs are deleted.
     """
     for kind in kinds():
-        for job in open_jobs(session, kind.table, dataset_id):
-            row = find_job(session, kind.table, job.id)
+        for job in queries.open_jobs(session, kind.table, dataset_id):
+            row = queries.find_job(session, kind.table, job.id)
             if row is not None:
-                close(session, row, "cancelled")
-        forget_jobs(session, kind.table, dataset_id)
+                queries.close(session, row, "cancelled")
+        queries.forget_jobs(session, kind.table, dataset_id)

@@ -17,14 +17,7 @@ from app.context import ServiceContext
 from app.engine.chunk import Job
 from app.errors import Forbidden, Unauthorised
 from app.http.deps import authorise, settings_of
-from app.jobs.events import (
-    NOTHING_SEEN,
-    JobEvent,
-    Poller,
-    end_number,
-    job_events,
-    newest,
-)
+from app.jobs import events
 from app.jobs.kind import AnyKind
 
 EVENT_STREAM: Final = "text/event-stream"
@@ -70,20 +63,22 @@ async def watch(
 ) -> Response:
     """Events of a job after the last one that the client has; raises NotFound."""
     job = Job(kind.table.job_kind, job_id)
-    place = partial(services.one(Poller).watching, job, services.settings)
+    place = partial(services.one(events.Poller).watching, job, services.settings)
     after = number_of(last_event_id)
     with place():
-        state = await newest(services, job)
-    if state.finished and after >= end_number(state):
+        state = await events.newest(services, job)
+    if state.finished and after >= events.end_number(state):
         return Response(status_code=204)
-    return EventStream(_lines(request, job_events(services, job, after)), place())
+    return EventStream(
+        _lines(request, events.job_events(services, job, after)), place()
+    )
 
 
 def number_of(last_event_id: str | None) -> int:
     """The number in a Last-Event-ID; anything else starts from the beginning."""
     text = last_event_id or ""
     is_number = text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS
-    return int(text) if is_number else NOTHING_SEEN
+    return int(text) if is_number else events.NOTHING_SEEN
 
 
 class EventStream(StreamingResponse):
@@ -110,7 +105,7 @@ class EventStream(StreamingResponse):
 
 
 async def _lines(
-    request: Request, events: AsyncGenerator[JobEvent | None, None]
+    request: Request, events: AsyncGenerator[events.JobEvent | None, None]
 ) -> AsyncIterator[bytes]:
     pause = settings_of(request).event_heartbeat_s
     checked = sent = time.monotonic()

@@ -14,16 +14,7 @@ from collections.abc import Callable, Mapping
 
 from app.context import ServiceContext
 from app.db.transient import in_a_line, is_transient
-from app.engine.chunk import (
-    DONE,
-    ELSEWHERE,
-    FAILED,
-    QUARANTINED,
-    RETURNED,
-    UNWANTED,
-    Job,
-    JobStopped,
-)
+from app.engine import chunk
 from app.jobs.attempts import Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository
 from app.jobs.kind import AnyTask, Task, kind_of
@@ -38,7 +29,7 @@ def work_on_chunk(context: ServiceContext, kind: str, job_id: int, number: int) 
 
     `work_in_driver` and `work_in_worker` add checks for their process.
     """
-    task = _task(Attempt(context, Job(kind, job_id), number))
+    task = _task(Attempt(context, chunk.Job(kind, job_id), number))
     return _outcome(task, lambda: _do(task))
 
 
@@ -47,12 +38,14 @@ def work_in_driver(context: ServiceContext, kind: str, job_id: int, number: int)
 
     The outcome is QUARANTINED if the chunk is not to be worked on.
     """
-    attempt = Attempt(context, Job(kind, job_id), number)
+    attempt = Attempt(context, chunk.Job(kind, job_id), number)
     task = _task(attempt, is_counted=True)
-    outcome = _outcome(task, lambda: _do(task) if attempt.begin() else QUARANTINED)
+    outcome = _outcome(
+        task, lambda: _do(task) if attempt.begin() else chunk.QUARANTINED
+    )
     # A chunk that is done or in quarantine is not begun again: its count is of no use.
     # (A final step that has found new frames is begun again, and has reset its count.)
-    if outcome not in (DONE, QUARANTINED):
+    if outcome not in (chunk.DONE, chunk.QUARANTINED):
         attempt.end()
     return outcome
 
@@ -70,23 +63,25 @@ def _do(task: AnyTask) -> str:
             task.kind.work(task)
     finally:
         task.stop()
-    return DONE
+    return chunk.DONE
 
 
 def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
     try:
         return work()
-    except JobStopped:
-        return RETURNED if task.context.engine.stopping.is_set() else UNWANTED
+    except chunk.JobStopped:
+        return (
+            chunk.RETURNED if task.context.engine.stopping.is_set() else chunk.UNWANTED
+        )
     except UnghostError as error:
         return _failed(task, stored_error(error))
     except Exception as error:
         if is_transient(error):
             log.warning("%s: %s", _named(task), in_a_line(error))
-            return RETURNED
+            return chunk.RETURNED
         outcome = _failed(task, unexpected_error(task.job))
         # Not if the job was cancelled, or its dataset deleted, in the meantime.
-        if outcome == FAILED:
+        if outcome == chunk.FAILED:
             log.exception("%s failed", _named(task))
         return outcome
 
@@ -111,9 +106,9 @@ def work_in_worker(
         if not is_transient(error):
             raise
         log.warning("the database cannot be reached: %s", in_a_line(error))
-        return RETURNED
+        return chunk.RETURNED
     log.error("got a chunk of another database than that of UNGHOST_DATABASE_URL")
-    return ELSEWHERE
+    return chunk.ELSEWHERE
 
 
 def stored_error(error: UnghostError) -> dict[str, str]:
@@ -121,7 +116,7 @@ def stored_error(error: UnghostError) -> dict[str, str]:
     return {"code": error.kind, "detail": error.detail}
 
 
-def unexpected_error(job: Job) -> dict[str, str]:
+def unexpected_error(job: chunk.Job) -> dict[str, str]:
     """Any other error, as it is stored in a job's row; the log has the details."""
     return {"code": "internal", "detail": f"the {job.kind} failed"}
 
@@ -131,9 +126,9 @@ def _failed(task: AnyTask, error: Mapping[str, object]) -> str:
         with task.context.database.write() as session:
             task.row(session)
             ChunkRepository(session).fail(task.job, task.number, error)
-    except JobStopped:
-        return UNWANTED
-    return FAILED
+    except chunk.JobStopped:
+        return chunk.UNWANTED
+    return chunk.FAILED
 
 
 def _named(task: AnyTask) -> str:

@@ -95,8 +95,8 @@ def unpack(
     """
     digests: dict[str, str] = {}
     label, done, total = None, 0, size_of(backup)
-    with _parts(backup) as parts:
-        for name, stream in parts:
+    try:
+        for name, stream in _parts(backup):
             if name == LABEL:
                 # The last file: it lists the files that were left out.
                 label = _read_label(stream.read(MAX_LABEL_BYTES + 1), backup)
@@ -109,6 +109,10 @@ def unpack(
                 )
             done += stream.tell()
             advance(done // _MB, total // _MB)
+    except (tarfile.TarError, EOFError) as exc:
+        raise CannotMaintain(
+            f"{backup} is not a backup, or is truncated: {exc}"
+        ) from exc
     if label is None:
         raise CannotMaintain(f"{backup} is not a backup: it has no {LABEL}")
     if digests.pop(DATABASE, None) != label.database_sha256:
@@ -179,38 +183,23 @@ class _Member(tarfile.TarInfo):
         return header
 
 
-@contextmanager
-def _parts(backup: Path) -> Iterator[Iterator[tuple[str, IO[bytes]]]]:
-    if backup.is_dir():
-        yield _folder_parts(backup)
-        return
-    try:
+def _parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
+    """The files of a backup by name, each open until the next one is asked for."""
+    if not backup.is_dir():
         with tarfile.open(backup, "r:", tarinfo=_Member) as archive:
-            yield _tar_parts(backup, archive)
-    except (tarfile.TarError, EOFError) as exc:
-        raise CannotMaintain(
-            f"{backup} is not a backup, or is truncated: {exc}"
-        ) from exc
-
-
-def _tar_parts(
-    backup: Path, archive: tarfile.TarFile
-) -> Iterator[tuple[str, IO[bytes]]]:
-    for member in archive:
-        stream = archive.extractfile(member) if member.isfile() else None
-        if stream is None or not _is_part(member.name):
-            raise CannotMaintain(
-                f"{backup} is not a backup: backups contain no {member.name!r}"
-            )
-        # Its holes take no bytes in the archive, and any number of bytes unpacked.
-        if member.issparse():
-            raise CannotMaintain(
-                f"{backup} is not a backup: {member.name!r} is a sparse file"
-            )
-        yield member.name, stream
-
-
-def _folder_parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
+            for member in archive:
+                stream = archive.extractfile(member) if member.isfile() else None
+                if stream is None or not _is_part(member.name):
+                    raise CannotMaintain(
+                        f"{backup} is not a backup: backups contain no {member.name!r}"
+                    )
+                # Its holes take no bytes in the archive, and any number unpacked.
+                if member.issparse():
+                    raise CannotMaintain(
+                        f"{backup} is not a backup: {member.name!r} is a sparse file"
+                    )
+                yield member.name, stream
+        return
     for file in _files(backup):
         name = file.relative_to(backup).as_posix()
         if not file.is_file():
@@ -219,8 +208,8 @@ def _folder_parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
             raise CannotMaintain(
                 f"{backup} is not a backup: backups contain no {name!r}"
             )
-        with file.open("rb") as stream:
-            yield name, stream
+        with file.open("rb") as part:
+            yield name, part
 
 
 def _files(backup: Path) -> list[Path]:
@@ -291,7 +280,6 @@ class _Writing:
     left_out: list[str] = field(default_factory=list)
 
     def add(self, name: str, file: Path) -> None:
-        """Add a complete file."""
         if self.archive is None:
             target = self.folder / name
             if target == file:

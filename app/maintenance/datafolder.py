@@ -23,17 +23,8 @@ from app.errors import StorageAway
 from app.maintenance.queries import StoredFileRepository
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage import BLOBS, MissingLibrary, endpoint_of, open_store
+from app.storage import BLOBS, MissingLibrary, durable, endpoint_of, open_store
 from app.storage.base import BlobStore
-from app.storage.durable import (
-    MAINTENANCE_LOCK,
-    SERVER_LOCK,
-    CannotLock,
-    InUse,
-    flush_file,
-    flush_folder,
-    locked,
-)
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +63,7 @@ def check_owner(settings: Settings) -> None:
     """
     if os.name == "nt":  # files have no such owners and modes
         return
-    files = [settings.data / SERVER_LOCK, settings.token_file]
+    files = [settings.data / durable.SERVER_LOCK, settings.token_file]
     database = database_file(settings)
     if database is not None:
         ends = ("", "-wal", "-shm", "-journal")
@@ -113,10 +104,7 @@ def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
     Raises CannotMaintain if the database is missing although files exist, a restore was
     interrupted, or the database belongs to a newer version.
     """
-    file = database_file(settings)
-    # Not by connecting: that would create a missing SQLite database.
-    there = file is None or file.exists()
-    revision = current_revision(engine) if there else None
+    revision = _revision(settings, engine)
     if revision is None and (settings.data / RESTORING).exists():
         raise CannotMaintain(
             f"a restore into {str(settings.data)!r} was interrupted; "
@@ -134,6 +122,12 @@ def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
         )
     if revision is not None and not is_known(migrations_dir(), revision):
         raise CannotMaintain(newer(revision))
+
+
+def _revision(settings: Settings, engine: Engine) -> str | None:
+    # Not by connecting: that would create a missing SQLite database.
+    file = database_file(settings)
+    return current_revision(engine) if file is None or file.exists() else None
 
 
 def keep_private(settings: Settings) -> None:
@@ -159,10 +153,7 @@ def check_same_version(settings: Settings, engine: Engine) -> None:
 
     Raises CannotMaintain if it is missing, or its schema has another version.
     """
-    file = database_file(settings)
-    there = file is None or file.exists()
-    revision = current_revision(engine) if there else None
-    wanted = head_revision(migrations_dir())
+    revision, wanted = _revision(settings, engine), head_revision(migrations_dir())
     if revision is None:
         raise CannotMaintain(
             "there is no database of Unghost where the settings say (UNGHOST_DATA, "
@@ -233,18 +224,18 @@ def alone(settings: Settings) -> Iterator[None]:
     """
     with ExitStack() as held:
         try:
-            held.enter_context(locked(settings.data / MAINTENANCE_LOCK))
+            held.enter_context(durable.locked(settings.data / durable.MAINTENANCE_LOCK))
         except (FileNotFoundError, NotADirectoryError) as exc:
             raise CannotMaintain(
                 f"there is no folder {str(settings.data)!r}; name the data folder with "
                 "--data DIR or UNGHOST_DATA"
             ) from exc
-        except InUse as exc:
+        except durable.InUse as exc:
             raise CannotMaintain(
                 "a backup or a garbage collection is running already in "
                 f"{str(settings.data)!r}; try again when it has ended"
             ) from exc
-        except CannotLock as exc:
+        except durable.CannotLock as exc:
             log.warning(
                 "the data folder %r cannot be locked (%s): a backup or a garbage "
                 "collection at the same time would not be refused, so start none",
@@ -354,9 +345,9 @@ def keep_before_migrating(settings: Settings, engine: Engine) -> Path | None:
     draft.unlink(missing_ok=True)
     copy_database(file, draft, lambda _done, _total: None)
     draft.chmod(0o600)
-    flush_file(draft)
+    durable.flush_file(draft)
     draft.replace(copy)
-    flush_folder(copy.parent)
+    durable.flush_folder(copy.parent)
     log.warning(
         "a copy of the database at schema %s is kept as %s", revision, copy.name
     )

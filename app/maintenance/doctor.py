@@ -17,26 +17,10 @@ from sqlalchemy import Engine
 from sqlalchemy.orm import Session
 
 from app.addresses import FOLDER
-from app.db.inspection import (
-    broken_keys,
-    connection_fault,
-    missing_triggers,
-    not_durable,
-    problems_in,
-    read_only_engine,
-    version_of,
-)
+from app.db import inspection
 from app.db.migrate import current_revision, head_revision, is_known
 from app.errors import DamagedFile
-from app.maintenance.datafolder import (
-    RESTORING,
-    CannotMaintain,
-    Steps,
-    database_file,
-    newer,
-    no_database,
-    stored_files_of,
-)
+from app.maintenance import datafolder
 from app.maintenance.queries import (
     AuditMark,
     RowChecks,
@@ -45,7 +29,7 @@ from app.maintenance.queries import (
 )
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage.base import BlobStore, StoredFile, export_of
+from app.storage.base import BlobStore, StoredFile, left_over
 
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 
@@ -97,7 +81,11 @@ def _unless_none(bad: Finding, names: Sequence[str], good: str) -> Finding:
 
 
 def examine(
-    settings: Settings, *, verify: bool, steps: Steps, audit: AuditMark | None = None
+    settings: Settings,
+    *,
+    verify: bool,
+    steps: datafolder.Steps,
+    audit: AuditMark | None = None,
 ) -> Iterator[Finding]:
     """Run all checks, one after the other; nothing is changed.
 
@@ -106,11 +94,11 @@ def examine(
     """
     if settings.data.is_dir():
         yield from _folder(settings)
-    file = database_file(settings)
+    file = datafolder.database_file(settings)
     if file is not None and not file.is_file():
         yield _no_database(settings)
         return
-    with read_only_engine(settings.sqlalchemy_url) as engine:
+    with inspection.read_only_engine(settings.sqlalchemy_url) as engine:
         findings = list(_of_database(engine, on_server=file is None))
         yield from findings
         if any(finding.severity is Severity.ERROR for finding in findings):
@@ -135,7 +123,7 @@ def _of_database(engine: Engine, *, on_server: bool) -> Iterator[Finding]:
     if on_server:
         first = is_answering(engine)
     else:
-        problems = problems_in(engine)
+        problems = inspection.problems_in(engine)
         damaged = Finding(
             "database",
             Severity.ERROR,
@@ -158,7 +146,7 @@ def row_findings(
 ) -> Iterator[Finding]:
     """Findings about the audit log, answers and counts of boxes."""
     checks = RowChecks(session)
-    yield _audit(missing_triggers(engine), checks, audit)
+    yield _audit(inspection.missing_triggers(engine), checks, audit)
     box_ids = checks.altered_answers()
     altered = Finding(
         "answers",
@@ -248,14 +236,17 @@ def _folder(settings: Settings) -> Iterator[Finding]:
 
 def _no_database(settings: Settings) -> Finding:
     has_files = False
-    with suppress(CannotMaintain), stored_files_of(settings) as store:
+    with (
+        suppress(datafolder.CannotMaintain),
+        datafolder.stored_files_of(settings) as store,
+    ):
         has_files = any(store.files())
-    if (settings.data / RESTORING).exists():
+    if (settings.data / datafolder.RESTORING).exists():
         todo = "run `unghost restore` again: it was interrupted"
     elif has_files:
         todo = "put its file back, or restore a backup into another folder"
     else:
-        todo = no_database(settings)
+        todo = datafolder.no_database(settings)
     return Finding("database", Severity.ERROR, "the database is missing", todo)
 
 
@@ -264,7 +255,7 @@ def _schema(revision: str | None) -> Finding:
     if revision == head:
         return Finding("schema", Severity.OK, f"at {revision}, as this version needs")
     if revision is None or not is_known(migrations_dir(), revision):
-        found = newer(revision) if revision else "the database has no schema"
+        found = datafolder.newer(revision) if revision else "the database has no schema"
         return Finding(
             "schema",
             Severity.ERROR,
@@ -280,12 +271,12 @@ def _schema(revision: str | None) -> Finding:
 
 
 def file_findings(
-    settings: Settings, session: Session, *, verify: bool, steps: Steps
+    settings: Settings, session: Session, *, verify: bool, steps: datafolder.Steps
 ) -> Iterator[Finding]:
     """Findings about the files, in a folder or a bucket; nothing is changed."""
     is_folder = settings.storage == FOLDER
     try:
-        with stored_files_of(settings) as store:
+        with datafolder.stored_files_of(settings) as store:
             if not is_folder:
                 any(store.files())
                 yield Finding("store", Severity.OK, "the bucket answers")
@@ -293,7 +284,7 @@ def file_findings(
             settled = time.time() - SETTLED_S
             rows = StoredFileRepository(session)
             frames, exports = list(rows.of_frames()), list(rows.of_exports())
-            names = {f"export-{number}" for number in rows.open_exports()}
+            at_work = rows.open_exports()
             there = {file.digest: file for file in store.files()}
             asked = 1 if is_folder else TOGETHER
             damaged = _damaged(store, there, steps, asked) if verify else None
@@ -314,11 +305,7 @@ def file_findings(
             )
             digests = [file.digest for file in unused]
             yield _unless_none(garbage, digests, "every file is in use")
-            left = [
-                path.name
-                for path, changed_at in store.leftovers()
-                if export_of(path) not in names and changed_at < settled
-            ]
+            left = [path.name for path in left_over(store, at_work, settled)]
             incomplete = Finding(
                 "leftovers",
                 Severity.NOTE,
@@ -326,7 +313,7 @@ def file_findings(
                 "`unghost gc` removes them",
             )
             yield _unless_none(incomplete, left, "there are no incomplete files")
-    except CannotMaintain as exc:
+    except datafolder.CannotMaintain as exc:
         yield Finding(
             "store",
             Severity.ERROR,
@@ -336,7 +323,10 @@ def file_findings(
 
 
 def _damaged(
-    store: BlobStore, there: Mapping[str, StoredFile], steps: Steps, asked: int
+    store: BlobStore,
+    there: Mapping[str, StoredFile],
+    steps: datafolder.Steps,
+    asked: int,
 ) -> set[str]:
     """The names of files whose content does not match their hash.
 
@@ -391,9 +381,9 @@ def _of_rows(
 
 def is_answering(engine: Engine) -> Finding:
     """Whether the database server responds."""
-    reason = connection_fault(engine)
+    reason = inspection.connection_fault(engine)
     if not reason:
-        found = f"PostgreSQL {version_of(engine)} answers"
+        found = f"PostgreSQL {inspection.version_of(engine)} answers"
         return Finding("database", Severity.OK, found)
     return Finding(
         "database",
@@ -406,7 +396,7 @@ def is_answering(engine: Engine) -> Finding:
 
 def server_findings(engine: Engine) -> Iterator[Finding]:
     """Findings about a database on a server, which responds and has a known schema."""
-    keys, off = broken_keys(engine), not_durable(engine)
+    keys, off = inspection.broken_keys(engine), inspection.not_durable(engine)
     broken = Finding(
         "keys",
         Severity.ERROR,

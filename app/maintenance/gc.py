@@ -20,7 +20,7 @@ from app.db.engine import Database, keep_turn
 from app.maintenance.datafolder import Steps, alone, opened, stored_files_of
 from app.maintenance.queries import StoredFileRepository
 from app.settings import Settings
-from app.storage.base import BlobStore, export_of
+from app.storage.base import BlobStore, left_over
 from app.storage.room import Reserve
 
 HOUR_S: Final = 3600.0
@@ -73,13 +73,7 @@ def collect(
         for digests in chunks(unused if garbage.removed else [], TOGETHER):
             with database.write() as session:
                 StoredFileRepository(session).forget(digests)
-        names = {f"export-{number}" for number in at_work}
-        latest = min(until, time.time() - SHORTEST_S)
-        left = [
-            path
-            for path, changed_at in store.leftovers()
-            if export_of(path) not in names and changed_at <= latest
-        ]
+        left = left_over(store, at_work, min(until, time.time() - SHORTEST_S))
         garbage.leftovers = len(left)
         for path in left if garbage.removed else []:
             if path.is_dir():

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 from sqlalchemy import delete, exists, func, inspect, select, union, union_all
-from sqlalchemy.orm import Session
 
+from app.db.base import Repository
 from app.db.tables import Blob, Dataset, Decision, Export, FrameFile, Review, Tally
 from app.db.tables.access import AuditEntry
 from app.verdicts import BIN
@@ -27,11 +27,8 @@ class WantedFile(NamedTuple):
 _HAS_FRAME: Final = exists().where(FrameFile.sha256 == Blob.sha256)
 
 
-class StoredFileRepository:
+class StoredFileRepository(Repository):
     """Rows about blobs."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def of_frames(self) -> Iterator[WantedFile]:
         """Files of frames, of every revision."""
@@ -100,11 +97,8 @@ class AuditMark(NamedTuple):
         return f"{self.entries}:{self.sha256}"
 
 
-class RowChecks:
+class RowChecks(Repository):
     """Compares rows with others that follow from them, or that were noted elsewhere."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def has_audit_log(self) -> bool:
         """Whether there is an audit log: earlier schemas have none."""

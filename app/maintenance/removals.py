@@ -22,7 +22,7 @@ from sqlalchemy.orm import Session
 from app.addresses import FOLDER
 from app.background import Task, repeating
 from app.context import ServiceContext
-from app.db.base import utc_now
+from app.db.base import Repository, utc_now
 from app.db.engine import Database, keep_turn
 from app.db.tables import Dataset, DatasetClass, Export, Flips, Frame, Problem, Run
 from app.errors import StorageAway
@@ -38,11 +38,8 @@ FLIPS_AT_A_TIME: Final = 50
 """Few, since each row has thousands of boxes."""
 
 
-class RemovalRepository:
+class RemovalRepository(Repository):
     """Rows of deleted datasets."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def waiting(self) -> list[int]:
         """Ids of datasets that were deleted and have rows."""

@@ -10,27 +10,12 @@ from typing import Final
 
 from app.addresses import FOLDER
 from app.db.migrate import head_revision, is_known
+from app.maintenance import datafolder
 from app.maintenance.backup import DATABASE, LABEL, size_of, unpack
-from app.maintenance.datafolder import (
-    RESTORING,
-    CannotMaintain,
-    Steps,
-    database_lock,
-    newer,
-    stored_files_of,
-)
 from app.package import migrations_dir
 from app.settings import Settings
-from app.storage import BLOBS
+from app.storage import BLOBS, durable
 from app.storage.base import BlobStore
-from app.storage.durable import (
-    MAINTENANCE_LOCK,
-    SERVER_LOCK,
-    flush_everything,
-    flush_file,
-    flush_folder,
-    make_folder,
-)
 from app.storage.room import free_bytes
 
 TOGETHER: Final = 8
@@ -57,67 +42,73 @@ class Restored:
         return {**vars(self), "data": str(self.data)}
 
 
-def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
+def restore(settings: Settings, backup: Path, steps: datafolder.Steps) -> Restored:
     """Unpack a backup into an empty folder; each file is checked while it is copied.
 
     Raises CannotMaintain if the folder is not empty, the backup is damaged or of a
     newer version, or fewer than `min_free_bytes` would be free after it.
     """
     if settings.database_url is not None:
-        raise CannotMaintain(
+        raise datafolder.CannotMaintain(
             "a backup holds a SQLite database, and UNGHOST_DATABASE_URL names another "
             "one: unset it, or restore what `pg_dump` saved with `pg_restore`"
         )
     if not backup.exists():
-        raise CannotMaintain(f"{backup} does not exist")
+        raise datafolder.CannotMaintain(f"{backup} does not exist")
     data = settings.data.absolute()
     _check_empty(data)
-    with stored_files_of(settings) as store:
+    with datafolder.stored_files_of(settings) as store:
         bucket = None if settings.storage == FOLDER else store
         if bucket is not None:
             bucket.check()
-        make_folder(data)
+        durable.make_folder(data)
         _remove_unfinished(data)
         # Before anything is written that the disk has no room for.
         needed, free = size_of(backup), free_bytes([data])
         if free - needed < settings.min_free_bytes:
-            raise CannotMaintain(
+            raise datafolder.CannotMaintain(
                 f"{backup} needs {needed} bytes, and {free} are free on the disk of "
                 f"{data}, of which {int(settings.min_free_bytes)} have to stay free "
                 "(UNGHOST_MIN_FREE_BYTES)"
             )
-        inside = data / RESTORING
+        inside = data / datafolder.RESTORING
         inside.mkdir(mode=0o700)
         try:
             with steps("restore", "MB") as advance:
                 label, files = unpack(backup, inside, advance, keep=True)
             if not is_known(migrations_dir(), label.schema):
-                raise CannotMaintain(f"{backup} cannot be used: {newer(label.schema)}")
+                raise datafolder.CannotMaintain(
+                    f"{backup} cannot be used: {datafolder.newer(label.schema)}"
+                )
             _put_in_place(inside, data, bucket, steps)
         finally:
             _remove_unfinished(data)
-            flush_folder(data)
+            durable.flush_folder(data)
     return Restored(data, files, label.schema, label.created_at, label.left_out)
 
 
 def _check_empty(data: Path) -> None:
     # Left by an interrupted restore, by an emptied data folder, and by a file system.
-    locks = {MAINTENANCE_LOCK, SERVER_LOCK, database_lock(data / DATABASE).name}
-    left = {RESTORING, *locks, "lost+found"}
+    locks = {
+        durable.MAINTENANCE_LOCK,
+        durable.SERVER_LOCK,
+        datafolder.database_lock(data / DATABASE).name,
+    }
+    left = {datafolder.RESTORING, *locks, "lost+found"}
     if data.exists() and not data.is_dir():
-        raise CannotMaintain(f"{data} is not a folder")
+        raise datafolder.CannotMaintain(f"{data} is not a folder")
     found = [path.name for path in data.iterdir()] if data.is_dir() else []
     if _moved_only_files(data):
         left.add(BLOBS)
     if {*found} - left:
-        raise CannotMaintain(
+        raise datafolder.CannotMaintain(
             f"{data} is not empty; a backup is restored into an empty or new folder"
         )
 
 
 def _moved_only_files(data: Path) -> bool:
     """Whether a restore ended after it had moved the files, and before the database."""
-    inside = data / RESTORING
+    inside = data / datafolder.RESTORING
     moved_or_removed = not any((inside / name).exists() for name in (BLOBS, LABEL))
     return moved_or_removed and (inside / DATABASE).exists()
 
@@ -130,16 +121,16 @@ def _remove_unfinished(data: Path) -> None:
     """
     if _moved_only_files(data):
         shutil.rmtree(data / BLOBS, ignore_errors=True)
-    shutil.rmtree(data / RESTORING, ignore_errors=True)
+    shutil.rmtree(data / datafolder.RESTORING, ignore_errors=True)
 
 
 def _put_in_place(
-    inside: Path, data: Path, bucket: BlobStore | None, steps: Steps
+    inside: Path, data: Path, bucket: BlobStore | None, steps: datafolder.Steps
 ) -> None:
     """Move the files and then the database: without it the service does not start."""
     (inside / BLOBS).mkdir(mode=0o700, exist_ok=True)
-    flush_file(inside / DATABASE)
-    flush_everything(inside)
+    durable.flush_file(inside / DATABASE)
+    durable.flush_everything(inside)
     (inside / LABEL).unlink(missing_ok=True)
     if bucket is None:
         (inside / BLOBS).rename(data / BLOBS)
@@ -150,7 +141,7 @@ def _put_in_place(
         strangers = {file.digest for file in bucket.files()} - names
         if strangers:
             # With this database they would be garbage, and be deleted.
-            raise CannotMaintain(
+            raise datafolder.CannotMaintain(
                 f"{len(strangers)} files there are not in the backup: they belong to "
                 "another database, or are newer; choose another prefix in "
                 "UNGHOST_STORAGE"

@@ -17,7 +17,7 @@ from app.catalog.configs import (
 )
 from app.catalog.frames import KeyRow, key_rows
 from app.db import tables
-from app.db.base import filled
+from app.db.base import filled, response_of
 from app.db.engine import Database
 from app.db.tables import Dataset
 from app.measuring.plan import plan_of
@@ -180,12 +180,10 @@ def config_of(version: tables.ConfigVersion) -> FilterConfig:
 
 def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigVersion:
     """A version as responses show it."""
-    return ConfigVersion(
-        digest=version.digest,
+    return response_of(
+        ConfigVersion,
+        version,
         # With the keys that the version is older than.
         config=config_of(version).as_dict(),
-        unused_keys=tuple(version.unused_keys),
-        created_by=version.created_by,
-        created_at=version.created_at,
         active=version.id == dataset.active_config_id,
     )

@@ -11,7 +11,7 @@ import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ from filter_core.verdicts import VERDICT_OF_REASON, VERDICTS, Decisions, Reason
 from unghost.wire.datasets import Histogram
 
 _MAX_PERCENT: Final = 100.0
+_Made = TypeVar("_Made")
 
 
 def outcome(names: Sequence[str], table: IntArray) -> dict[str, object]:
@@ -140,17 +141,6 @@ MAX_KEPT_COUNTS: Final = 64
 """Filters whose count is cached: the queue and lists need them again and again."""
 
 
-@dataclass
-class _Cached:
-    """Results computed from a dataset's numbers, each with its key."""
-
-    decided: tuple[str, Decisions] | None = None
-    doubted: tuple[str, NDArray[np.int16]] | None = None
-    counts: OrderedDict[Hashable, int] = field(default_factory=OrderedDict)
-    share_counts: tuple[Hashable, IntArray] | None = None
-    unknown_pixels: FloatArray | None = None
-
-
 @dataclass(frozen=True)
 class DatasetColumns:
     """Evidence of all current boxes of a dataset, in order of id.
@@ -165,7 +155,8 @@ class DatasetColumns:
     frame_ids: IntArray
     class_ids: IntArray
     evidence: Evidence
-    _cached: _Cached = field(default_factory=_Cached, repr=False)
+    _counts: OrderedDict[Hashable, int] = field(default_factory=OrderedDict, repr=False)
+    _last: dict[str, tuple[Hashable, Any]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.box_ids)
@@ -175,25 +166,31 @@ class DatasetColumns:
         """All classes of the dataset in their order, which a rename changes."""
         return self.evidence.class_names
 
+    def _cached(self, what: str, key: Hashable, make: Callable[[], _Made]) -> _Made:
+        """The result of `make`; of each kind the last one is cached, under its key."""
+        held = self._last.get(what)
+        if held is None or held[0] != key:
+            held = self._last[what] = (key, make())
+        made: _Made = held[1]
+        return made
+
     def decided(self, config: FilterConfig) -> Decisions:
         """Decisions by a configuration; those of the last one are cached."""
-        held = self._cached.decided
-        if held is None or held[0] != config.digest:
-            held = (config.digest, decide(self.evidence, config))
-            self._cached.decided = held
-        return held[1]
+        return self._cached(
+            "decided", config.digest, lambda: decide(self.evidence, config)
+        )
 
     def doubt(self, config: FilterConfig) -> NDArray[np.int16]:
         """(N,): the doubt about each box (`doubts`); that of the last one is cached."""
-        held = self._cached.doubted
-        if held is None or held[0] != config.digest:
-            doubt = doubts(self.evidence, config, self.decided(config)).doubt
-            held = self._cached.doubted = (config.digest, doubt)
-        return held[1]
+        return self._cached(
+            "doubt",
+            config.digest,
+            lambda: doubts(self.evidence, config, self.decided(config)).doubt,
+        )
 
     def counted(self, what: Hashable, count: Callable[[], int]) -> int:
         """The result of `count`, cached under the key `what`."""
-        held = self._cached.counts
+        held = self._counts
         if what not in held:
             held[what] = count()
             while len(held) > MAX_KEPT_COUNTS:
@@ -207,21 +204,17 @@ class DatasetColumns:
 
         Of `config` only `min_visible_pixels` counts.
         """
-        held = self._cached.share_counts
         limits = config.limits_by_class(self.names).min_visible_pixels
-        key = (channels, bins, limits.tobytes())
-        if held is None or held[0] != key:
+
+        def count() -> IntArray:
             needed = pixels_needed(self.evidence, config)
-            held = (key, share_counts(self.evidence, channels, bins, needed))
-            self._cached.share_counts = held
-        return held[1]
+            return share_counts(self.evidence, channels, bins, needed)
+
+        return self._cached("shares", (channels, bins, limits.tobytes()), count)
 
     def unknown_pixels(self) -> FloatArray:
         """`unknown_pixels` of these boxes, cached."""
-        cached = self._cached
-        if cached.unknown_pixels is None:
-            cached.unknown_pixels = unknown_pixels(self.evidence)
-        return cached.unknown_pixels
+        return self._cached("unknown", None, lambda: unknown_pixels(self.evidence))
 
 
 class ColumnCache:

@@ -49,12 +49,7 @@ class RecordLayout:
 
     Records are written in the newest layout. Records of older layouts lack the columns
     that were added since; they are recognised by their bytes per box, and missing
-    columns are read as "nothing measured".
-
-    Parameters
-    ----------
-    columns : mapping
-        The description of each column, by its name.
+    columns are read as "nothing measured". `columns` describes each, by its name.
     """
 
     def __init__(self, columns: Mapping[str, NumberColumn]) -> None:

@@ -119,17 +119,9 @@ def is_simple(
 def measure(
     config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
 ) -> tuple[MeasuredFrame, float | None, float]:
-    """Decode, project and measure one frame.
+    """Decode, project and measure one frame; raises FilterError if it is invalid.
 
-    Returns
-    -------
-    MeasuredFrame, and the seconds of decoding and of measuring
-        None for decoding, if there was nothing to decode.
-
-    Raises
-    ------
-    FilterError
-        The frame is invalid.
+    With the seconds of decoding (None: there was nothing to decode) and of measuring.
     """
     begun, decoding = time.perf_counter(), None
     segmentation = None

@@ -13,12 +13,7 @@ from app.measuring.queries import EvidenceRepository
 from app.package import FILTER_CORE_VERSION
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
-from filter_core.segmentation.reading import (
-    Encoding,
-    Lossy,
-    OrderOfChannels,
-    SegmentationOptions,
-)
+from filter_core.segmentation import reading
 from filter_core.values import JsonObject
 
 
@@ -31,9 +26,9 @@ class DatasetReading:
 
     name: str
     palette: str = "auto"
-    encoding: Encoding = "auto"
-    channel_order: OrderOfChannels = "auto"
-    lossy_segmentation: Lossy = "refuse"
+    encoding: reading.Encoding = "auto"
+    channel_order: reading.OrderOfChannels = "auto"
+    lossy_segmentation: reading.Lossy = "refuse"
     ignore_mask: JsonObject | None = None
     renamed_classes: Mapping[str, str] = field(default_factory=dict)
 
@@ -58,7 +53,7 @@ class DatasetReading:
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
     """The plan for a dataset's settings and a configuration, which must agree."""
     return config.measuring(
-        SegmentationOptions.named_by(dataset),
+        reading.SegmentationOptions.named_by(dataset),
         dataset_name=f"dataset {dataset.name!r}",
         renamed=dataset.renamed_classes,
         ignored=dataset.ignore_mask,

@@ -7,12 +7,11 @@ from typing import Final, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, bindparam, exists, func, select
 from sqlalchemy.exc import IntegrityError
-from sqlalchemy.orm import Session
 
 from app.catalog.frames import current_in
+from app.db.base import Repository, existing
 from app.db.bulk import chunks, insert_rows
 from app.db.tables import Frame, FrameEvidence, Measurement
-from app.errors import NotFound
 from filter_core.pipeline import SegmentationReport
 
 
@@ -70,11 +69,8 @@ _OF_FRAMES: Final = (
 )
 
 
-class EvidenceRepository:
+class EvidenceRepository(Repository):
     """Rows of `evidence` and `measurements`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def measurement(self, dataset_id: int, digest: str) -> Measurement | None:
         """The measurement of a dataset with these options."""
@@ -84,9 +80,7 @@ class EvidenceRepository:
     def measurement_with_id(self, measurement_id: int) -> Measurement:
         """The measurement with an id from another row."""
         measurement = self._session.get(Measurement, measurement_id)
-        if measurement is None:
-            raise NotFound("measurement", measurement_id)
-        return measurement
+        return existing(measurement, "measurement", measurement_id)
 
     def add_measurement(self, measurement: Measurement) -> Measurement:
         """Insert; returns the existing one if another transaction has inserted it."""
@@ -108,7 +102,6 @@ class EvidenceRepository:
     def of_frames(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> dict[int, EvidenceRow]:
-        """Evidence by frame."""
         found: dict[int, EvidenceRow] = {}
         connection = self._session.connection()
         for chunk in chunks(dict.fromkeys(frame_ids)):
@@ -157,7 +150,6 @@ class EvidenceRepository:
     def numbers_of_frames(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> list[NumbersRow]:
-        """The numbers of these frames."""
         found: list[NumbersRow] = []
         for chunk in chunks(dict.fromkeys(frame_ids)):
             rows = _numbers(measurement_id).where(Frame.id.in_(chunk))

@@ -55,7 +55,32 @@ class BlobCount:
 
 def gauges(context: ServiceContext) -> Iterator[Gauge]:
     """The metrics whose values are read for each request of Prometheus."""
-    yield from _of_process(context)
+    engine, disk = context.engine, shutil.disk_usage(context.settings.data)
+    file, least = context.database.file, int(context.settings.min_free_bytes)
+    for name, text, value in (
+        ("workers", "Threads that measure pixels.", engine.workers),
+        ("workers_busy", "Threads that measure pixels now.", engine.busy),
+        ("batches_open", "Batches being received.", context.one(OpenBatches).open),
+        (
+            "open_body_bytes",
+            "Bytes of requests that are in memory.",
+            context.one(OpenBodies).open_bytes,
+        ),
+        (
+            "event_streams_open",
+            "Open streams of events of runs and exports.",
+            context.one(Poller).watchers,
+        ),
+        ("stopping", "1 if the service is stopping, else 0.", engine.stopping.is_set()),
+        ("disk_bytes", "Size of the data folder's disk.", disk.total),
+        ("disk_free_bytes", "Free space on the data folder's disk.", disk.free),
+        ("disk_min_free_bytes", "Free space below which frames are refused.", least),
+    ):
+        yield Gauge(f"unghost_{name}", text, value)
+    if file is not None:
+        yield Gauge("unghost_database_bytes", "Size of the database.", _size(file))
+        wal = file.with_name(f"{file.name}-wal")
+        yield Gauge("unghost_wal_bytes", "Size of the write-ahead log.", _size(wal))
     try:
         of_database = list(_of_database(context))
     except SQLAlchemyError as exc:
@@ -69,33 +94,6 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
         yield Gauge("unghost_blobs", text, counted[0])
         text = "Bytes of all stored files, counted at most once a minute."
         yield Gauge("unghost_blob_bytes", text, counted[1])
-
-
-def _of_process(context: ServiceContext) -> Iterator[Gauge]:
-    engine = context.engine
-    yield Gauge("unghost_workers", "Threads that measure pixels.", engine.workers)
-    yield Gauge("unghost_workers_busy", "Threads that measure pixels now.", engine.busy)
-    open_now = context.one(OpenBatches).open
-    yield Gauge("unghost_batches_open", "Batches being received.", open_now)
-    text = "Bytes of requests that are in memory."
-    yield Gauge("unghost_open_body_bytes", text, context.one(OpenBodies).open_bytes)
-    text = "Open streams of events of runs and exports."
-    watching = context.one(Poller).watchers
-    yield Gauge("unghost_event_streams_open", text, watching)
-    text = "1 if the service is stopping, else 0."
-    yield Gauge("unghost_stopping", text, engine.stopping.is_set())
-    disk = shutil.disk_usage(context.settings.data)
-    yield Gauge("unghost_disk_bytes", "Size of the data folder's disk.", disk.total)
-    text = "Free space on the data folder's disk."
-    yield Gauge("unghost_disk_free_bytes", text, disk.free)
-    text = "Free space below which frames are refused."
-    least = int(context.settings.min_free_bytes)
-    yield Gauge("unghost_disk_min_free_bytes", text, least)
-    file = context.database.file
-    if file is not None:
-        yield Gauge("unghost_database_bytes", "Size of the database.", _size(file))
-        wal = file.with_name(f"{file.name}-wal")
-        yield Gauge("unghost_wal_bytes", "Size of the write-ahead log.", _size(wal))
 
 
 def _of_database(context: ServiceContext) -> Iterator[Gauge]:

@@ -6,21 +6,17 @@ from collections.abc import Iterable
 from typing import get_args
 
 from sqlalchemy import func, select
-from sqlalchemy.orm import Session
 
 from app.catalog.datasets import is_there
+from app.db.base import Repository
 from app.db.tables import Blob, Dataset, JobRow, Tally
 from unghost.wire.words import JobState
 
 
-class Totals:
+class Totals(Repository):
     """Totals over all datasets; all are cheap except `blobs`."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
     def datasets(self) -> int:
-        """How many datasets there are."""
         rows = select(func.count()).select_from(Dataset).where(is_there())
         return self._session.scalar(rows) or 0
 

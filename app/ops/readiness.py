@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Final
 
 from anyio import CapacityLimiter, Lock, to_thread
@@ -27,14 +26,6 @@ GOOD_FOR_S: Final = 1.0
 """How long a result is cached: anybody may request it, and checks write to the disk."""
 
 
-@dataclass
-class Found:
-    """The results of the checks, and the faults of those that failed."""
-
-    checks: dict[str, str] = field(default_factory=dict)
-    faults: list[Fault] = field(default_factory=list)
-
-
 class Readiness:
     """Checks the service, once for all requests at about the same time."""
 
@@ -43,7 +34,7 @@ class Readiness:
         self._lock = Lock()
         # A thread of its own: those of the requests may all be busy.
         self._thread = CapacityLimiter(1)
-        self._found = Found()
+        self._found: tuple[dict[str, str], list[Fault]] = {}, []
         self._at = float("-inf")
 
     async def check(self, context: ServiceContext) -> Mapping[str, str]:
@@ -59,13 +50,13 @@ class Readiness:
                     _run_checks, context, limiter=self._thread
                 )
                 self._at = time.monotonic()
-            found = self._found
+            checks, faults = self._found
         try:
-            checks, faults = {**found.checks, "event_loop": self._loop.check()}, []
+            checks = {**checks, "event_loop": self._loop.check()}
         except NotReady as exc:
-            checks, faults = found.checks, [_fault("event_loop", str(exc))]
-        if found.faults or faults:
-            raise _not_ready([*found.faults, *faults])
+            faults = [*faults, _fault("event_loop", str(exc))]
+        if faults:
+            raise _not_ready(faults)
         return checks
 
 
@@ -78,7 +69,8 @@ def _not_ready(faults: list[Fault]) -> NotReady:
     return NotReady(text, retry_after_s=RETRY_S, faults=faults)
 
 
-def _run_checks(context: ServiceContext) -> Found:
+def _run_checks(context: ServiceContext) -> tuple[dict[str, str], list[Fault]]:
+    """The results of the checks, and the faults of those that failed."""
     checks: Mapping[str, Callable[[ServiceContext], str]] = {
         "database": lambda of: (
             "writable" if takes_writes(of.database) else "locked by another writer"
@@ -89,15 +81,16 @@ def _run_checks(context: ServiceContext) -> Found:
         "blobs": _storage_takes_files,
         "background": _background_tasks_succeed,
     }
-    found = Found()
+    found: dict[str, str] = {}
+    faults: list[Fault] = []
     for name, run in checks.items():
         try:
-            found.checks[name] = run(context)
+            found[name] = run(context)
         except (TryLater, SQLAlchemyError, OSError) as exc:
             detail = _reason(exc)
             error_log.warning("not ready: %s: %s", name, detail)
-            found.faults.append(_fault(name, detail))
-    return found
+            faults.append(_fault(name, detail))
+    return found, faults
 
 
 def _reason(exc: Exception) -> str:

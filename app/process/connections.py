@@ -126,7 +126,6 @@ class Connections:
         self._idle.pop(connection, None)
 
     def metrics(self) -> Iterator[Metric]:
-        """The metrics of connections."""
         text = "Connections that are open."
         yield GaugeMetricFamily("unghost_connections_open", text, len(self._open))
         text = "Connections that may be open at the same time."

@@ -8,7 +8,7 @@ from datetime import timedelta
 from functools import partial
 
 from app.access.first_token import ensure_first_token
-from app.access.upkeep import keeping_tokens
+from app.access.gate import keeping_tokens
 from app.addresses import LOCAL_ENGINE
 from app.background import Task, repeating
 from app.context import ServiceContext
@@ -28,14 +28,7 @@ from app.jobs.kind import register
 from app.jobs.leases import running_watchdog
 from app.jobs.queries import call_at_end, installation_id
 from app.jobs.service import start
-from app.maintenance.datafolder import (
-    check_moved,
-    check_same_version,
-    check_usable,
-    keep_before_migrating,
-    keep_private,
-    usable_store,
-)
+from app.maintenance import datafolder
 from app.maintenance.removals import removing
 from app.maintenance.sqlite_check import checking_for_damage
 from app.measuring.active import DefaultConfig
@@ -57,21 +50,21 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
     make_folder(settings.data)
     Reserve(settings.data).give_up()
     default_config = DefaultConfig.of(settings)
-    with usable_store(settings):
+    with datafolder.usable_store(settings):
         store = open_store(settings)
     database = Database(settings.sqlalchemy_url)
     try:
-        with migrating_alone(database.engine), usable_store(settings):
-            check_usable(settings, database.engine, store)
-            keep_private(settings)
-            keep_before_migrating(settings, database.engine)
+        with migrating_alone(database.engine), datafolder.usable_store(settings):
+            datafolder.check_usable(settings, database.engine, store)
+            datafolder.keep_private(settings)
+            datafolder.keep_before_migrating(settings, database.engine)
             migrate(database.engine, migrations_dir())
         with database.write() as session:
             ensure_first_token(session, settings.token_file)
             forget_old_responses(session, timedelta(hours=settings.idempotency_hours))
-        with usable_store(settings):
+        with datafolder.usable_store(settings):
             store.prepare()
-            check_moved(settings, database, store)
+            datafolder.check_moved(settings, database, store)
         if settings.engine == LOCAL_ENGINE:
             engine = LocalEngine(settings.workers)
         else:
@@ -106,17 +99,14 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
 def attached(settings: Settings) -> Iterator[ServiceContext]:
     """Open the resources of a running service, for a worker; migrates nothing.
 
-    Raises
-    ------
-    CannotMaintain
-        The database is missing, or its schema has another version.
+    Raises CannotMaintain: the database is missing, or its schema has another version.
     """
     register_kinds()
-    with usable_store(settings):
+    with datafolder.usable_store(settings):
         store = open_store(settings)
     database = Database(settings.sqlalchemy_url)
     try:
-        check_same_version(settings, database.engine)
+        datafolder.check_same_version(settings, database.engine)
         engine = LocalEngine(settings.workers)
         services = _opened(settings, database, store, engine)
         try:

@@ -57,10 +57,7 @@ class LoopWatch:
     def check(self) -> str:
         """The state of the loop, for the report on readiness.
 
-        Raises
-        ------
-        NotReady
-            It is blocked, or was so a moment ago.
+        Raises NotReady: it is blocked, or was so a moment ago.
         """
         if self._is_blocked:
             raise NotReady(f"blocked for more than {LONGEST_S:g} s")

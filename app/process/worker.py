@@ -146,10 +146,8 @@ class Supervisor:
 def check_engine(settings: Settings) -> EngineAddress:
     """The address of the scheduler, after checking the settings for joining it.
 
-    Raises
-    ------
-    UnusableEngine
-        The settings name no scheduler, or its certificates cannot be used.
+    Raises UnusableEngine: the settings name no scheduler, or its certificates cannot be
+    used.
     """
     if settings.engine == LOCAL_ENGINE:
         raise UnusableEngine(

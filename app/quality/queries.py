@@ -2,84 +2,61 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
-from sqlalchemy import ColumnElement, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, Row, select
 
 from app.boxes.filter import BoxProbes
 from app.catalog.datasets import DatasetRepository
+from app.db.base import Repository
 from app.db.tables import Decision, Review, ReviewBatch
 from app.verdicts import REVIEW_STATES
 
 
-class AnsweredBox(NamedTuple):
-    """A box with the latest answer on it: what it says, and its id."""
-
-    box_id: int
-    review: str | None
-    answer_id: int
-
-
-class DrawnBox(NamedTuple):
-    """An answer on a box of the random order: its id, and how the queue chose it."""
-
-    answer_id: int
-    box_id: int
-    chosen_from: str | None
-    probability: float | None
-
-
-class StoredAnswer(NamedTuple):
-    """One answer of one person."""
-
-    box_id: int
-    revision: int
-    reviewer: str
-    verdict: str
-    batch_id: int | None
-    undoes: int | None
-
-
-class AnswerRepository:
+class AnswerRepository(Repository):
     """Reads `reviews` together with `decisions`."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def answered(self, dataset_id: int) -> list[AnsweredBox]:
-        """Boxes with an answer that was not cleared, and the latest of each."""
+    def answered(self, dataset_id: int) -> Sequence[Row[int, str | None, int]]:
+        """Boxes with an answer that was not cleared: box, verdict, id of the latest."""
         is_latest = Review.revision == Decision.revision
         rows = (
             select(Decision.box_id, Decision.review, Review.id)
             .join(Review, (Review.box_id == Decision.box_id) & is_latest)
             .where(Decision.dataset_id == dataset_id, REVIEW_STATES["any"].condition())
         )
-        return [AnsweredBox(*row) for row in self._session.execute(rows)]
+        return self._session.execute(rows).all()
 
-    def drawn(self, dataset_id: int) -> list[DrawnBox]:
-        """All answers, also earlier ones, on boxes that came by the random order."""
+    def drawn(
+        self, dataset_id: int
+    ) -> Sequence[Row[int, int, str | None, float | None]]:
+        """All answers, also earlier ones, on boxes that came by the random order.
+
+        The answer's id, the box, and how the queue chose it: filters and probability.
+        """
         rows = (
             select(Review.id, Review.box_id, Review.chosen_from, Review.probability)
             .join(Decision, Decision.box_id == Review.box_id)
             .where(*self._of_dataset(dataset_id), Review.probability.is_not(None))
         )
-        return [DrawnBox(*row) for row in self._session.execute(rows)]
+        return self._session.execute(rows).all()
 
-    def answers(self, dataset_id: int) -> list[StoredAnswer]:
+    def answers(
+        self, dataset_id: int
+    ) -> Sequence[Row[int, int, str, str, int | None, int | None]]:
         """All answers on the boxes of a dataset, by box, newest first.
 
+        Box, revision, reviewer, verdict, bulk answer, and the revision that it undoes.
         Also on boxes without an answer now: that somebody has cleared a box's answer
         does not change the answers of others.
         """
-        columns = [getattr(Review, name) for name in StoredAnswer._fields]
+        answer = (Review.box_id, Review.revision, Review.reviewer, Review.verdict)
         rows = (
-            select(*columns)
+            select(*answer, Review.batch_id, Review.undoes)
             .join(Decision, Decision.box_id == Review.box_id)
             .where(*self._of_dataset(dataset_id))
             .order_by(Review.box_id, Review.revision.desc())
         )
-        return [StoredAnswer._make(row) for row in self._session.execute(rows)]
+        return self._session.execute(rows).all()
 
     def _of_dataset(self, dataset_id: int) -> tuple[ColumnElement[bool], ...]:
         """Conditions: an answer, joined with its box, is on a box of the dataset."""

@@ -9,7 +9,7 @@ from fastapi import Query, Response
 from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.catalog.datasets import DatasetRepository
-from app.errors import NotFound
+from app.db.base import existing
 from app.http.deps import (
     AppServices,
     DatasetName,
@@ -24,14 +24,7 @@ from app.http.transaction import WriteSession
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.service import described_run
 from filter_core.evaluation.thresholds import Goal
-from unghost.wire.quality import (
-    Evaluation,
-    EvaluationQuery,
-    Experiment,
-    ExperimentIn,
-    Quality,
-    QualityQuery,
-)
+from unghost.wire import quality as wire
 from unghost.wire.runs import Run
 
 evaluations_router = ApiRouter(prefix="/api/v1", tag="evaluations")
@@ -55,8 +48,8 @@ def get_evaluation(
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
-    query: Annotated[EvaluationQuery, Query()],
-) -> Evaluation:
+    query: Annotated[wire.EvaluationQuery, Query()],
+) -> wire.Evaluation:
     """Precision, recall and F1 of every measured channel, from stored numbers."""
     found = DatasetRepository(session).named(dataset)
     return evaluation(services, session, found, query.truth)
@@ -66,29 +59,28 @@ def get_evaluation(
 def put_experiment(
     caller: Reviewer,
     dataset: DatasetName,
-    body: ExperimentIn,
+    body: wire.ExperimentIn,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
-) -> Experiment:
+) -> wire.Experiment:
     """Keep a report of `unghost worth-it` with the dataset, in place of the last."""
     require_room_to_write(services, session)
     repository = DatasetRepository(session)
     report = body.model_dump(mode="json")
     repository.change(repository.named(dataset), {"experiment": report})
     audit.note(AuditAction.DATASET_CHANGED, dataset, changed=["experiment"])
-    return Experiment.model_validate(report)
+    return wire.Experiment.model_validate(report)
 
 
 @evaluations_router.get("/datasets/{dataset}/experiment")
 def get_experiment(
     caller: Viewer, dataset: DatasetName, session: ReadSession
-) -> Experiment:
+) -> wire.Experiment:
     """The report that is kept with the dataset; 404 if there is none."""
     report = DatasetRepository(session).named(dataset).experiment
-    if report is None:
-        raise NotFound("experiment of dataset", dataset)
-    return Experiment.model_validate(report)
+    existing(report, "experiment of dataset", dataset)
+    return wire.Experiment.model_validate(report)
 
 
 router = ApiRouter(prefix="/api/v1", tag="quality")
@@ -100,8 +92,8 @@ def get_quality(
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
-    query: Annotated[QualityQuery, Query()],
-) -> Quality:
+    query: Annotated[wire.QualityQuery, Query()],
+) -> wire.Quality:
     """The filter compared with people or instances, agreement, suggested thresholds."""
     found = DatasetRepository(session).named(dataset)
     asked = (query.truth, Goal(query.target, query.recall))

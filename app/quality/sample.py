@@ -10,6 +10,7 @@ what it likes can make the sample another one: what is missing in it is counted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,7 +27,7 @@ from app.db.tables import Dataset
 from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
-from app.quality.queries import AnsweredBox, AnswerRepository
+from app.quality.queries import AnswerRepository
 from filter_core.arrays import FloatArray, IntArray
 from filter_core.evaluation.sampling import (
     NARROW,
@@ -52,12 +53,9 @@ _IN_IMAGE: Final = np.array([False, *(reason.in_image for reason in Reason)])
 class RandomSample:
     """Boxes that the filter decided and people can judge, C classes of them.
 
-    Attributes
-    ----------
-    table : (C, bands, 2, 3, 4) int64
-        Boxes by class, band of distance, verdict, `Part` and `Said`.
-    reach : (C,) float64
-        The part of the random order that people have come to, 0..1.
+    `table` (C, bands, 2, 3, 4) int64 counts them by class, band of distance, verdict,
+    `Part` and `Said`. `reach` (C,) float64 is the part of the random order that people
+    have come to, 0..1.
     """
 
     table: IntArray
@@ -149,43 +147,40 @@ def _walk(
 ) -> tuple[FloatArray, IntArray]:
     """How far people have come in the random order, for each class, and since when.
 
-    Returns
-    -------
-    reach : (C,) float64
-        The greatest place; 0 for classes that nobody has answered in this order.
-    begun : (C,) int64
-        The id of the first answer in this order; `MAX_ID` if there is none.
+    The greatest place, (C,) float64: 0 for classes that nobody has answered in this
+    order. The id of the first answer in it, (C,) int64: `MAX_ID` if there is none.
     """
     class_ids = list(DatasetRepository(session).classes(dataset.id).values())
     reach, begun = np.zeros(len(class_ids)), np.full(len(class_ids), MAX_ID)
     drawn = AnswerRepository(session).drawn(dataset.id)
     if not drawn or shuffle is None:
         return reach, begun
-    shares = shuffle.shares_of(np.array([box.box_id for box in drawn], np.int64))
+    shares = shuffle.shares_of(np.array([box_id for _, box_id, *_ in drawn], np.int64))
     chosen = {}
-    for box, share in zip(drawn, shares.tolist(), strict=True):
-        if box.probability != share:
+    for row, share in zip(drawn, shares.tolist(), strict=True):
+        answer_id, _, chosen_from, probability = row
+        if probability != share:
             continue  # the order of a dataset changes when it has grown immensely
-        if box.chosen_from not in chosen:
-            selection = BoxSelection.model_validate_json(box.chosen_from or "{}")
+        if chosen_from not in chosen:
+            selection = BoxSelection.model_validate_json(chosen_from or "{}")
             of_filter = to_filter(session, dataset, selection).class_ids
-            chosen[box.chosen_from] = np.isin(
+            chosen[chosen_from] = np.isin(
                 class_ids, class_ids if of_filter is None else of_filter
             )
-        rows = chosen[box.chosen_from]
+        rows = chosen[chosen_from]
         reach[rows] = np.maximum(reach[rows], share)
-        begun[rows] = np.minimum(begun[rows], box.answer_id)
+        begun[rows] = np.minimum(begun[rows], answer_id)
     return reach, begun
 
 
 def _said(
-    numbers: DatasetColumns, answers: list[AnsweredBox]
+    numbers: DatasetColumns, answers: Sequence[tuple[int, str | None, int]]
 ) -> tuple[IntArray, IntArray]:
     """What people said of each box, as `Said`, and the id of the latest answer."""
     said, answer_id = np.zeros((2, len(numbers)), np.int64)
     # Other boxes are in another part, or were stored after the numbers were read.
-    box_ids = np.array([box.box_id for box in answers], np.int64)
+    box_ids = np.array([box_id for box_id, _, _ in answers], np.int64)
     rows, is_here = places_in(numbers.box_ids, box_ids)
-    said[rows] = np.array([_SAID[box.review or ""] for box in answers])[is_here]
-    answer_id[rows] = np.array([box.answer_id for box in answers])[is_here]
+    said[rows] = np.array([_SAID[review or ""] for _, review, _ in answers])[is_here]
+    answer_id[rows] = np.array([number for *_, number in answers])[is_here]
     return said, answer_id

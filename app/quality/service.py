@@ -31,17 +31,7 @@ from filter_core.evaluation.scores import BANDS, Measured, band_index
 from filter_core.evaluation.thresholds import Goal, Judged, suggest_per_class
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
 from filter_core.verdicts import Verdict
-from unghost.wire.quality import (
-    Agreement,
-    Band,
-    Confusion,
-    Evaluation,
-    Measure,
-    Pair,
-    Quality,
-    Reviewer,
-    Suggestion,
-)
+from unghost.wire import quality as wire
 from unghost.wire.words import Truth
 
 
@@ -60,7 +50,7 @@ def request_evaluation(
 
 def evaluation(
     context: ServiceContext, session: Session, dataset: Dataset, truth: Truth
-) -> Evaluation:
+) -> wire.Evaluation:
     """How often each measured channel is right, from stored numbers."""
     measurement = active_measurement(session, dataset)
     stored = measurement.options.get("channels") or {}
@@ -77,7 +67,7 @@ def evaluation(
         evidence, frames = numbers.evidence.take(rows), len(np.unique(ids["frame_id"]))
         compared.add(evidence, visible, frames, name_of)
     missing = [name for name in CHANNELS if name not in channels]
-    return Evaluation.model_validate(
+    return wire.Evaluation.model_validate(
         {"truth": truth, "not_measured": missing, **compared.as_dict()}
     )
 
@@ -87,15 +77,9 @@ def _with_truth(
 ) -> Iterator[tuple[DatasetColumns, IntArray, BoolArray]]:
     """The parts of a dataset, each with its boxes whose truth is known.
 
-    Yields
-    ------
-    numbers : DatasetColumns
-        Of all boxes of the part.
-    rows : (N,) int64
-        Of the boxes whose truth is known.
-    visible : (N,) bool
-        Whether the object is visible: by its instance, or by the latest answer of a
-        person.
+    Of each: all its boxes, the rows of those whose truth is known, (N,) int64, and
+    whether their object is visible, (N,) bool: by its instance, or by the latest answer
+    of a person.
     """
     known = KnownTruth.of(session, dataset, truth)
     measurement = active_measurement(session, dataset)
@@ -109,7 +93,7 @@ def quality(
     session: Session,
     dataset: Dataset,
     asked: tuple[Truth, Goal],
-) -> Quality:
+) -> wire.Quality:
     """The filter compared with the truth, and people compared with each other."""
     truth, goal = asked
     config = active_config(session, dataset)
@@ -125,7 +109,7 @@ def quality(
     sample = RandomSample.of(context, session, dataset) if truth == "people" else None
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     panel = Panel.of(session, dataset.id)
-    return Quality(
+    return wire.Quality(
         truth=truth,
         reviewed=counts.reviewed,
         unsure=counts.unsure,
@@ -139,14 +123,14 @@ def quality(
             if rows.any()
         },
         by_distance=tuple(
-            Band(band=name, **dict(_counted(of_band, sample, bands=_only(place))))
+            wire.Band(band=name, **dict(_counted(of_band, sample, bands=_only(place))))
             for place, name in enumerate(BANDS)
             for of_band in [judged.where(bands == place)]
         ),
         reviewers=panel.reviewers(),
         agreement=panel.agreement(),
         suggested=tuple(
-            Suggestion.model_validate(suggestion.as_dict())
+            wire.Suggestion.model_validate(suggestion.as_dict())
             for suggestion in suggest_per_class(judged, classes, config, goal)
         ),
     )
@@ -161,7 +145,7 @@ def _counted(
     sample: RandomSample | None,
     classes: slice = _ALL,
     bands: slice = _ALL,
-) -> Confusion:
+) -> wire.Confusion:
     """Counts of boxes whose truth is known, and scores: estimates, with a sample.
 
     Without a sample the counted boxes are all that there are, and so are the scores.
@@ -170,11 +154,11 @@ def _counted(
     if sample is None:
         return counted
     estimate = sample.estimate(classes, bands)
-    scores: dict[str, Measure | None] = {}
+    scores: dict[str, wire.Measure | None] = {}
     for name in _SCORES:
         score: Measured | None = getattr(estimate, name)
         can_tell = score is not None and half_width(score) <= WIDEST
-        scores[name] = Measure(**score.as_dict()) if score and can_tell else None
+        scores[name] = wire.Measure(**score.as_dict()) if score and can_tell else None
     refused = None
     if None in scores.values():
         has_some = sample.has_answers(classes, bands)
@@ -205,21 +189,22 @@ class Panel:
         undone: set[tuple[int, int]] = set()
         latest: dict[tuple[int, str], str] = {}
         for answer in repository.answers(dataset_id):
-            if (answer.box_id, answer.revision) in undone:
+            box_id, revision, reviewer, verdict, batch_id, undoes = answer
+            if (box_id, revision) in undone:
                 continue
-            if answer.undoes is not None:
-                undone.add((answer.box_id, answer.undoes))
-            elif answer.batch_id not in ignored:
-                latest.setdefault((answer.box_id, answer.reviewer), answer.verdict)
+            if undoes is not None:
+                undone.add((box_id, undoes))
+            elif batch_id not in ignored:
+                latest.setdefault((box_id, reviewer), verdict)
         in_force = {key: said for key, said in latest.items() if said != "clear"}
         return cls(in_force)
 
-    def reviewers(self) -> tuple[Reviewer, ...]:
+    def reviewers(self) -> tuple[wire.Reviewer, ...]:
         """How many boxes each reviewer answered, and how; the most active first."""
         counts = Counter((who, verdict) for (_, who), verdict in self.latest.items())
         totals = Counter(who for _, who in self.latest)
         return tuple(
-            Reviewer(
+            wire.Reviewer(
                 name=who,
                 answers=total,
                 keep=counts[who, "keep"],
@@ -229,7 +214,7 @@ class Panel:
             for who, total in sorted(totals.items(), key=lambda one: (-one[1], one[0]))
         )
 
-    def agreement(self) -> Agreement:
+    def agreement(self) -> wire.Agreement:
         """How far reviewers agree on boxes that several of them decided."""
         decided = [
             (box, who, verdict_of(verdict) is Verdict.KEPT)
@@ -244,14 +229,14 @@ class Panel:
             np.array([keep for _, _, keep in decided], np.bool_),
         )
         kappa = found.kappa
-        return Agreement(
+        return wire.Agreement(
             boxes=found.boxes,
             agreed=found.agreed,
             percent=100 * found.agreed / found.boxes if found.boxes else None,
             kappa=_value(kappa),
             interval=(kappa.low, kappa.high) if kappa else None,
             pairs=tuple(
-                Pair(
+                wire.Pair(
                     a=names[pair.a],
                     b=names[pair.b],
                     boxes=pair.boxes,

@@ -37,26 +37,14 @@ def review_many(
     """Store one answer on many boxes; the transaction of `audit` must not have begun.
 
     If it is the caller's latest answer on each of the boxes already, no box gets
-    another one, and the bulk answer has none.
-
-    Raises
-    ------
-    NotFound
-        There is no such dataset.
-    Unprocessable
-        `given` has neither `box_ids` nor `filter`, or both, or a wrong field for it.
-    TooLarge
-        There are more boxes than one bulk answer may change.
-    CountChanged
-        There are more or fewer boxes than `given.expected_count`.
-    StaleSnapshot
-        The boxes of the filter have changed since the snapshot.
-    StorageFull
-        There is too little disk space for so many answers.
-    Forbidden
-        It clears answers of others, and the caller is not an admin.
-    Conflict
-        ``too_many_answers`` on one of the boxes, see `require_place`.
+    another one, and the bulk answer has none. Raises NotFound: there is no such
+    dataset; Unprocessable: `given` has neither `box_ids` nor `filter`, or both, or a
+    wrong field for it; TooLarge: there are more boxes than one bulk answer may change;
+    CountChanged: there are more or fewer boxes than `given.expected_count`;
+    StaleSnapshot: the boxes of the filter have changed since the snapshot; StorageFull:
+    there is too little disk space for so many answers; Forbidden: it clears answers of
+    others, and the caller is not an admin; Conflict: ``too_many_answers`` on one of the
+    boxes, see `require_place`.
     """
     try:
         chosen = _choose(services, given, by)
@@ -273,19 +261,11 @@ def undo_batch(
 ) -> UndoneBatch:
     """Undo a bulk answer: repeat the answers before it, unless others followed.
 
-    The transaction of `audit` must not have begun.
-
-    Raises
-    ------
-    NotFound
-        There is no such batch.
-    Forbidden
-        It is another person's, and the caller is not an admin.
-    Conflict
-        It was undone already, and none of its answers is in force again; or
-        ``too_many_answers`` on one of the boxes, see `require_place`.
-    StorageFull
-        There is too little disk space for so many answers.
+    The transaction of `audit` must not have begun. Raises NotFound: there is no such
+    batch; Forbidden: it is another person's, and the caller is not an admin; Conflict:
+    it was undone already, and none of its answers is in force again; or
+    ``too_many_answers`` on one of the boxes, see `require_place`; StorageFull: there is
+    too little disk space for so many answers.
     """
     with services.database.read() as looking:
         undoable = ReviewBatches(looking).undoable(batch_id)

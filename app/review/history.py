@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from datetime import datetime
+from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -29,6 +30,12 @@ from filter_core.arrays import floats_or_none
 from filter_core.decisions.rules import decide
 from filter_core.verdicts import Reason
 from unghost.wire.boxes import HistoryEntry
+
+_OF_ANSWERS: Final = (
+    *("revision", "reviewer", "verdict", "comment", "undoes", "carried_from"),
+    *("imported_by", "looked_ms", "chosen_by", "probability"),
+)
+"""Fields of an answer's entry that are columns of `reviews`."""
 
 
 def history(
@@ -72,7 +79,20 @@ def _entry(
 ) -> HistoryEntry:
     """An answer, the decision of a run, or (None) the first decision."""
     if isinstance(row, Review):
-        return _answer(session, row)
+        size, looked_at = None, None
+        if row.batch_id is not None:
+            batches = ReviewBatches(session)
+            size = batches.size(row.batch_id)
+            looked_at = batches.with_id(row.batch_id).looked_at
+        return HistoryEntry(
+            kind="review",
+            at=row.created_at,
+            batch=row.batch_id,
+            batch_size=size,
+            looked_at=looked_at,
+            chosen_from=json.loads(row.chosen_from or "null"),
+            **{name: getattr(row, name) for name in _OF_ANSWERS},
+        )
     if row is None:
         by, at = (frame.run_id, frame.config_id), frame.created_at
         return _decision(session, box, frame, by, at)
@@ -117,24 +137,3 @@ def _decision(
         "threshold": floats_or_none(decided.threshold)[0],
     }
     return HistoryEntry(kind="decision", at=at, **entry, **more)
-
-
-def _answer(session: Session, review: Review) -> HistoryEntry:
-    size, looked_at = None, None
-    if review.batch_id is not None:
-        batches = ReviewBatches(session)
-        size = batches.size(review.batch_id)
-        looked_at = batches.with_id(review.batch_id).looked_at
-    same = (
-        *("revision", "reviewer", "verdict", "comment", "undoes", "carried_from"),
-        *("imported_by", "looked_ms", "chosen_by", "probability"),
-    )
-    return HistoryEntry(
-        kind="review",
-        at=review.created_at,
-        batch=review.batch_id,
-        batch_size=size,
-        looked_at=looked_at,
-        chosen_from=json.loads(review.chosen_from or "null"),
-        **{name: getattr(review, name) for name in same},
-    )

@@ -33,13 +33,13 @@ from sqlalchemy import (
     select,
     update,
 )
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import aliased
 
 from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
 from app.catalog.datasets import is_deleted, is_there
 from app.catalog.frames import current_in
-from app.db.base import Key, UtcDateTime
+from app.db.base import Key, Repository, UtcDateTime, existing
 from app.db.bulk import chunks, insert_into, insert_rows
 from app.db.tables import Box, Claim, Dataset, Decision, Frame, Review, ReviewBatch, Run
 from app.errors import NotFound
@@ -174,11 +174,8 @@ def _of(dataset_id: int) -> ColumnElement[bool]:
     return Decision.dataset_id + 0 == dataset_id
 
 
-class ReviewRepository:
+class ReviewRepository(Repository):
     """Rows of `reviews`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def has_answered_beyond(
         self, dataset_id: int, reviewer: str, box_ids: Collection[int]
@@ -196,10 +193,9 @@ class ReviewRepository:
         """The current state of a box; raises NotFound if the box is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
-        box = self._session.execute(there).first()
-        if box is None:
-            raise NotFound("box", box_id)
-        return CurrentBox(*box)
+        return CurrentBox(
+            *existing(self._session.execute(there).first(), "box", box_id)
+        )
 
     def answer_box(self, box_id: int, seen_revision: int, answer: NewAnswer) -> bool:
         """Store an answer on a box, if it still has the seen revision; else False.
@@ -465,11 +461,8 @@ def _answer_of(batch: ReviewBatch, comment: str = "") -> NewAnswer:
     return NewAnswer(batch.dataset_id, batch.verdict, comment, by, at, batch.id)
 
 
-class ReviewBatches:
+class ReviewBatches(Repository):
     """Rows of `review_batches`, and the answers that belong to them."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def add(
         self,
@@ -488,9 +481,7 @@ class ReviewBatches:
             looked_at=looked_at,
             undoes_id=undoes_id,
         )
-        self._session.add(batch)
-        self._session.flush()
-        return batch
+        return self.insert(batch)
 
     def with_id(self, batch_id: int) -> ReviewBatch:
         """A batch; raises NotFound."""
@@ -500,7 +491,6 @@ class ReviewBatches:
         return batch
 
     def is_undone(self, batch_id: int) -> bool:
-        """Whether a batch was undone already."""
         rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
         return self._session.scalar(rows.limit(1)) is not None
 
@@ -554,14 +544,10 @@ def _standing(answers: ColumnElement[bool]) -> CTE:
     return standing.union_all(before.join(undo, undone))
 
 
-class ClaimRepository:
+class ClaimRepository(Repository):
     """Rows of `claims`; expired ones have no effect."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
     def forget_expired(self, dataset_id: int, now: datetime) -> None:
-        """Delete expired claims."""
         rows = delete(Claim).where(Claim.dataset_id == dataset_id)
         self._session.execute(rows.where(Claim.expires_at <= now))
 
@@ -573,7 +559,6 @@ class ClaimRepository:
         return {row[0]: row[1] for row in self._session.execute(newest_first)}
 
     def end(self, box_ids: Collection[int]) -> None:
-        """Delete the claims on boxes."""
         if box_ids:
             self._session.execute(delete(Claim).where(Claim.box_id.in_(box_ids)))
 

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from itertools import islice
-from typing import Final, NamedTuple, TypeAlias, TypedDict
+from typing import Final, TypeAlias
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -27,7 +27,7 @@ from app.db.tables import Dataset
 from app.review.queries import Choice, ClaimRepository
 from filter_core.decisions.doubt import Bin
 from filter_core.verdicts import Reason
-from unghost.wire.boxes import BoxSelection
+from unghost.wire.boxes import QueueIn
 
 CLAIM: Final = timedelta(minutes=5)
 MOST_CLAIMS: Final = 100
@@ -35,39 +35,15 @@ MOST_CLAIMS: Final = 100
 a dozen boxes that nobody has answered."""
 
 
-@dataclass(frozen=True)
-class QueueRequest:
-    """A reviewer's request for boxes; `exclude` are boxes that the page has already."""
-
-    reviewer: str
-    order: str
-    selection: BoxSelection
-    limit: int
-    exclude: Sequence[int]
-    seed: int | None
-
-
-class RemainingBoxes(NamedTuple):
-    """The parts of a queue, in order, and the number of boxes in each."""
-
-    parts: Sequence[BoxFilter]
-    counts: Sequence[int]
-
-
-class QueuePage(TypedDict):
-    """A `wire.Queue` whose boxes are dicts."""
-
-    items: Sequence[Mapping[str, object]]
-    remaining: int
-    unsure: int
-    claimed_by_others: int
+_Queue: TypeAlias = "list[tuple[BoxFilter, int]]"
+"""The parts of a queue, in order, each with the number of its boxes."""
 
 
 def remaining_boxes(
-    context: ServiceContext, name: str, wanted: QueueRequest
-) -> RemainingBoxes:
+    context: ServiceContext, name: str, reviewer: str, wanted: QueueIn
+) -> _Queue:
     """The parts of a queue and their sizes, counted before waiting to write."""
-    selection = wanted.selection
+    selection = wanted.filters
     if not (selection.review or selection.conflict):
         # Undecided boxes, or decided ones for an audit. Without any filter, orders that
         # are not samples have the boxes to ask about.
@@ -81,29 +57,28 @@ def remaining_boxes(
         if selection.review == "undecided":  # boxes answered `unsure` come last
             parts = [replace(parts[0], review=state) for state in ("none", "unsure")]
         if wanted.order == "audit":
-            parts = [replace(part, not_by=wanted.reviewer) for part in parts]
-            counts = [BoxProbes(session).count(part) for part in parts]
-        else:
-            counts = [count_boxes(context, session, dataset, part) for part in parts]
-    return RemainingBoxes(parts, counts)
+            parts = [replace(part, not_by=reviewer) for part in parts]
+            return [(part, BoxProbes(session).count(part)) for part in parts]
+        return [(part, count_boxes(context, session, dataset, part)) for part in parts]
 
 
 def next_boxes(
-    session: Session, dataset: Dataset, wanted: QueueRequest, queue: RemainingBoxes
-) -> QueuePage:
+    session: Session, dataset: Dataset, reviewer: str, wanted: QueueIn, queue: _Queue
+) -> dict[str, object]:
     """Claim the next boxes for this reviewer; returns them with the queue's counts.
 
-    Claims over `MOST_CLAIMS` end: kept are those on the boxes that are returned, then
-    those on the last of `exclude`, then the newest.
+    They are a `wire.Queue` whose boxes are dicts. Claims over `MOST_CLAIMS` end: kept
+    are those on the boxes that are returned, then those on the last of `exclude`, which
+    the page has already, then the newest.
     """
     now = utc_now()
     claims = ClaimRepository(session)
     claims.forget_expired(dataset.id, now)
     held = claims.of_dataset(dataset.id)
-    theirs = [box_id for box_id, who in held.items() if who != wanted.reviewer]
+    theirs = [box_id for box_id, who in held.items() if who != reviewer]
     tallies = TallyRepository(session).of_dataset(dataset.id)
     ids: list[int] = []
-    for part, boxes in zip(queue.parts, queue.counts, strict=True):
+    for part, boxes in queue:
         order = QueueOrder(
             name=wanted.order,
             seed=str(dataset.id if wanted.seed is None else wanted.seed),
@@ -120,8 +95,8 @@ def next_boxes(
     claims.end(newest_first[MOST_CLAIMS - len(renewed) :])
     expires_at = now + CLAIM
     claims.renew(renewed, expires_at)
-    choices = _choices(session, dataset, wanted, queue, ids)
-    claims.hold(dataset.id, wanted.reviewer, expires_at, choices)
+    choices = _choices(session, dataset, wanted, queue[0][0], ids)
+    claims.hold(dataset.id, reviewer, expires_at, choices)
     claim = {"expires_at": rfc3339(expires_at)}
     probes, reader = BoxProbes(session), DecisionReader(session, dataset)
     return {
@@ -129,10 +104,10 @@ def next_boxes(
             decision | {"claim": claim}
             for decision in reader.records(reader.read_boxes(ids))
         ],
-        "remaining": queue.counts[0],
-        "unsure": sum(queue.counts[1:]),
+        "remaining": queue[0][1],
+        "unsure": sum(boxes for _, boxes in queue[1:]),
         "claimed_by_others": sum(
-            len(probes.selected(part, theirs)) for part in queue.parts
+            len(probes.selected(part, theirs)) for part, _ in queue
         ),
     }
 
@@ -140,14 +115,13 @@ def next_boxes(
 def _choices(
     session: Session,
     dataset: Dataset,
-    wanted: QueueRequest,
-    queue: RemainingBoxes,
+    wanted: QueueIn,
+    part: BoxFilter,
     box_ids: Sequence[int],
 ) -> dict[int, Choice]:
-    """How each of these boxes of the queue was chosen."""
-    filters = wanted.selection.model_dump_json(exclude_none=True, by_alias=True)
+    """How each of these boxes was chosen; `part` is the first of the queue."""
+    filters = wanted.filters.model_dump_json(exclude_none=True, by_alias=True)
     choice = Choice(wanted.order, filters, None)
-    part = queue.parts[0]
     of_classes = BoxFilter(
         part.dataset_id,
         reasons=part.reasons,

@@ -17,32 +17,20 @@ from app.http.deps import (
     Viewer,
     require_room_to_answer,
 )
-from app.http.pages import Cursor, Limit, json_response, page_response
+from app.http.pages import NO_STORE, Cursor, Limit, json_response, page_response
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession, commit_and_respond
 from app.review.bulk import review_many, undo_batch
 from app.review.coached import coached_boxes
 from app.review.history import history
-from app.review.queue import QueueRequest, next_boxes, remaining_boxes
+from app.review.queue import next_boxes, remaining_boxes
 from app.review.service import import_answers, review_box, undo_answer
-from unghost.wire.boxes import (
-    AnswersIn,
-    BulkIn,
-    Coached,
-    History,
-    ImportedAnswers,
-    Queue,
-    QueueIn,
-    Review,
-    ReviewBatch,
-    ReviewIn,
-    UndoneBatch,
-)
+from unghost.wire import boxes as wire
 
 history_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
-@history_router.get("/boxes/{box_id}/history", response_model=History)
+@history_router.get("/boxes/{box_id}/history", response_model=wire.History)
 def get_history(
     caller: Viewer,
     box_id: RowId,
@@ -59,25 +47,23 @@ def get_history(
 queue_router = ApiRouter(prefix="/api/v1", tag="queue")
 
 
-@queue_router.post("/datasets/{dataset}/queue", response_model=Queue)
+@queue_router.post("/datasets/{dataset}/queue", response_model=wire.Queue)
 def take_from_queue(
     caller: Reviewer,
     dataset: DatasetName,
-    body: QueueIn,
+    body: wire.QueueIn,
     session: WriteSession,
     services: AppServices,
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
-    chosen = body.model_dump(exclude={"filters"})
-    wanted = QueueRequest(caller.name, selection=body.filters, **chosen)
-    queue = remaining_boxes(services, dataset, wanted)
+    queue = remaining_boxes(services, dataset, caller.name, body)
     found = DatasetRepository(session).named(dataset)
+    boxes = next_boxes(session, found, caller.name, body, queue)
     # no-store: a repeated request may get other boxes, so its response is not kept.
-    headers = {"Cache-Control": "no-store"}
-    return json_response(next_boxes(session, found, wanted, queue), headers=headers)
+    return json_response(boxes, headers=NO_STORE)
 
 
-@queue_router.get("/datasets/{dataset}/coached", response_model=Coached)
+@queue_router.get("/datasets/{dataset}/coached", response_model=wire.Coached)
 def get_coached(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """The boxes by which the caller learns to answer; their truth is known."""
     found = DatasetRepository(session).named(dataset)
@@ -90,13 +76,13 @@ router = ApiRouter(prefix="/api/v1", tag="reviews")
 @router.post(
     "/boxes/{box_id}/reviews",
     status_code=201,
-    response_model=Review,
-    responses={200: {"model": Review, "description": "Stored already."}},
+    response_model=wire.Review,
+    responses={200: {"model": wire.Review, "description": "Stored already."}},
 )
 def create_review(
     caller: Reviewer,
     box_id: RowId,
-    body: ReviewIn,
+    body: wire.ReviewIn,
     services: AppServices,
     audit: Audited,
 ) -> Response:
@@ -109,11 +95,13 @@ def create_review(
     most = services.settings.max_answers_per_box
     review = review_box(audit, box_id, body, caller, most=most)
     status = 200 if review.revision == body.seen_revision else 201
-    return commit_and_respond(audit.session, _json(review.model_dump_json(), status))
+    return commit_and_respond(audit.session, json_response(review, status))
 
 
 @router.post(
-    "/boxes/{box_id}/reviews/{revision}/undo", status_code=201, response_model=Review
+    "/boxes/{box_id}/reviews/{revision}/undo",
+    status_code=201,
+    response_model=wire.Review,
 )
 def undo_review(
     caller: Reviewer,
@@ -129,12 +117,12 @@ def undo_review(
     require_room_to_answer(services, audit.session)
     most = services.settings.max_answers_per_box
     review = undo_answer(audit, box_id, revision, caller, most=most)
-    return commit_and_respond(audit.session, _json(review.model_dump_json(), 201))
+    return commit_and_respond(audit.session, json_response(review, 201))
 
 
-@router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
+@router.post("/reviews/bulk", status_code=201, response_model=wire.ReviewBatch)
 def create_bulk_review(
-    caller: Reviewer, body: BulkIn, services: AppServices, audit: Audited
+    caller: Reviewer, body: wire.BulkIn, services: AppServices, audit: Audited
 ) -> Response:
     """Give many boxes one answer; a single undo takes it back on all of them.
 
@@ -142,12 +130,12 @@ def create_bulk_review(
     stored again, and `count` is 0. Only admins may clear answers of others.
     """
     batch = review_many(services, audit, body, caller)
-    response = _json(batch.model_dump_json(), 201)
+    response = json_response(batch, 201)
     response.headers["Location"] = f"/api/v1/review-batches/{batch.id}"
     return commit_and_respond(audit.session, response)
 
 
-@router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
+@router.post("/review-batches/{batch_id}/undo", response_model=wire.UndoneBatch)
 def undo_bulk_review(
     caller: Reviewer, batch_id: RowId, services: AppServices, audit: Audited
 ) -> Response:
@@ -156,14 +144,14 @@ def undo_bulk_review(
     Only admins may undo batches of others.
     """
     undone = undo_batch(services, audit, batch_id, caller)
-    return commit_and_respond(audit.session, _json(undone.model_dump_json()))
+    return commit_and_respond(audit.session, json_response(undone))
 
 
-@router.post("/datasets/{dataset}/reviews/import", response_model=ImportedAnswers)
+@router.post("/datasets/{dataset}/reviews/import", response_model=wire.ImportedAnswers)
 def import_reviews(
     caller: Admin,
     dataset: DatasetName,
-    body: AnswersIn,
+    body: wire.AnswersIn,
     services: AppServices,
     audit: Audited,
 ) -> Response:
@@ -174,8 +162,4 @@ def import_reviews(
     require_room_to_answer(services, audit.session)
     found = DatasetRepository(audit.session).named(dataset)
     outcome = import_answers(audit, found, body)
-    return commit_and_respond(audit.session, _json(outcome.model_dump_json()))
-
-
-def _json(content: str, status: int = 200) -> Response:
-    return Response(content, status, media_type="application/json")
+    return commit_and_respond(audit.session, json_response(outcome))

@@ -31,10 +31,10 @@ from app.access.service import require_own
 from app.boxes.queries import LatestAnswers
 from app.boxes.reader import describe_box
 from app.catalog.datasets import DatasetRepository
-from app.db.base import utc_now
+from app.db.base import existing, utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset
-from app.errors import Conflict, NotFound, StaleReview
+from app.errors import Conflict, StaleReview
 from app.metrics import REVIEWS
 from app.review.queries import (
     CurrentBox,
@@ -45,34 +45,20 @@ from app.review.queries import (
 )
 from app.security import Principal
 from app.verdicts import effective_verdict
-from unghost.wire.boxes import (
-    MOST_UNKNOWN,
-    AnswersIn,
-    ImportedAnswers,
-    Review,
-    ReviewIn,
-)
+from unghost.wire import boxes as wire
 
 
 def review_box(
-    audit: AuditTrail, box_id: int, given: ReviewIn, by: Principal, *, most: int
-) -> Review:
+    audit: AuditTrail, box_id: int, given: wire.ReviewIn, by: Principal, *, most: int
+) -> wire.Review:
     """Store an answer on a box; `most` is how many a person may give on one box.
 
     An answer that repeats the person's own latest one is not stored again: that one is
     returned, with the seen revision. If answers of others are cleared, this is noted in
-    the audit log.
-
-    Raises
-    ------
-    NotFound
-        The box does not exist, or its frame was replaced or deleted.
-    StaleReview
-        The box was answered since the person saw it; contains its current decision.
-    Forbidden
-        It clears answers of others, and the caller is not an admin.
-    Conflict
-        ``too_many_answers``, see `require_place`.
+    the audit log. Raises NotFound: the box does not exist, or its frame was replaced or
+    deleted; StaleReview: the box was answered since the person saw it; contains its
+    current decision; Forbidden: it clears answers of others, and the caller is not an
+    admin; Conflict: ``too_many_answers``, see `require_place`.
     """
     session, of_others = audit.session, 0
     reviews = ReviewRepository(session)
@@ -113,7 +99,7 @@ def review_box(
 
 def undo_answer(
     audit: AuditTrail, box_id: int, revision: int, by: Principal, *, most: int
-) -> Review:
+) -> wire.Review:
     """Undo the answer that gave a box this revision: repeat the answer before it.
 
     If it is another person's, this is noted in the audit log. An undo counts as an
@@ -126,9 +112,9 @@ def undo_answer(
     session = audit.session
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
-    undone = reviews.at(box_id, revision)
-    if undone is None:
-        raise NotFound(f"answer on box {box_id} with revision", revision)
+    undone = existing(
+        reviews.at(box_id, revision), f"answer on box {box_id} with revision", revision
+    )
     what = f"answer {revision} on box {box_id}"
     of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
     require_place(reviews, [SeenBoxes([box_id], box.revision)], by.name, most)
@@ -155,8 +141,8 @@ def undo_answer(
 
 
 def import_answers(
-    audit: AuditTrail, dataset: Dataset, body: AnswersIn
-) -> ImportedAnswers:
+    audit: AuditTrail, dataset: Dataset, body: wire.AnswersIn
+) -> wire.ImportedAnswers:
     """Store answers that were given somewhere else, with their reviewers and times.
 
     They are marked as imported, in the order of their times. An answer on a box that
@@ -199,14 +185,16 @@ def import_answers(
             dataset.name,
             answers=outcomes["imported"],
             skipped=outcomes.total() - outcomes["imported"],
-            reviewers=sorted({answer.reviewer for answer in answers})[:MOST_UNKNOWN],
+            reviewers=sorted({answer.reviewer for answer in answers})[
+                : wire.MOST_UNKNOWN
+            ],
         )
-    return ImportedAnswers(
+    return wire.ImportedAnswers(
         imported=outcomes["imported"],
         already=outcomes["already"],
         newer=outcomes["newer"],
         unknown=outcomes["unknown"],
-        unknown_boxes=tuple(unknown[:MOST_UNKNOWN]),
+        unknown_boxes=tuple(unknown[: wire.MOST_UNKNOWN]),
     )
 
 
@@ -248,8 +236,8 @@ def require_place(
             )
 
 
-def _stored(box: CurrentBox, answer: NewAnswer, revision: int) -> Review:
-    return Review(
+def _stored(box: CurrentBox, answer: NewAnswer, revision: int) -> wire.Review:
+    return wire.Review(
         box_id=box.box_id,
         revision=revision,
         verdict=answer.verdict,

@@ -17,23 +17,14 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.boxes.current import (
-    Decided,
-    DecisionRepository,
-    classified_again,
-    decided_again,
-    doubt_again,
-    measured_again,
-    recount_tallies,
-    replace_tallies,
-)
+from app.boxes import current
 from app.boxes.filter import TallyKey
 from app.boxes.queries import LatestAnswers
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import frames_state
 from app.context import ServiceContext
 from app.db.base import filled
-from app.db.tables import Dataset, Run
+from app.db.tables import Run
 from app.jobs.kind import Task
 from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
@@ -50,31 +41,16 @@ _REASONS: Final = 32
 """Greater than each `Reason`: `_count_unreviewed` packs all keys into one number."""
 
 
-@dataclass(frozen=True)
-class BeforeAndAfter:
-    """The current numbers of a dataset or a range of its frames, and those of a run."""
+def parts_of(
+    context: ServiceContext, session: Session, run: Run
+) -> Iterator[tuple[DatasetColumns, ...]]:
+    """The current numbers of each part of the dataset, and those of the run.
 
-    before: DatasetColumns
-    after: DatasetColumns
-
-    @property
-    def are_measured_anew(self) -> bool:
-        """Whether they are of two measurements.
-
-        If they are of one, the cache gives the same object twice.
-        """
-        return self.before is not self.after
-
-    @classmethod
-    def parts(
-        cls, context: ServiceContext, session: Session, run: Run
-    ) -> Iterator[BeforeAndAfter]:
-        """The parts of the dataset, each small enough to be held in memory."""
-        dataset = DatasetRepository(session).with_id(run.dataset_id)
-        both = filled(dataset.active_measurement_id), filled(run.measurement_id)
-        cache = context.one(ColumnCache)
-        for before, after in cache.parts(session, dataset.id, *both):
-            yield cls(before, after)
+    Each part is small enough to be held in memory.
+    """
+    dataset = DatasetRepository(session).with_id(run.dataset_id)
+    both = filled(dataset.active_measurement_id), filled(run.measurement_id)
+    return context.one(ColumnCache).parts(session, dataset.id, *both)
 
 
 def decide_all(task: Task[Run]) -> None:
@@ -88,7 +64,7 @@ def decide_all(task: Task[Run]) -> None:
     with context.database.read() as session:
         run = task.row(session)
         if context.one(ColumnCache).fits(session, run.dataset_id):
-            next(BeforeAndAfter.parts(context, session, run))
+            next(parts_of(context, session, run))
     with context.database.write() as session:
         run = task.row(session)
         scope = RunScope.of(session, run)
@@ -102,12 +78,21 @@ def decide_all(task: Task[Run]) -> None:
         # The counts are stored, and in the table `flips` which boxes get another
         # reason. If the run activates, its verdicts become current.
         activation = Activation(session, run, _Progress(task, run.total, boxes))
-        for numbers in BeforeAndAfter.parts(context, session, run):
-            activation.decide(numbers, active, scope.config)
+        for former, numbers in parts_of(context, session, run):
+            activation.decide(former, numbers, active, scope.config)
         run.previous_run_id = dataset.active_run_id
         if run.activate:
-            replace_tallies(session, dataset.id, activation.tallies)
-            _activate(session, dataset, run)
+            current.replace_tallies(session, dataset.id, activation.tallies)
+            measurement = EvidenceRepository(session).measurement_with_id(
+                scope.measurement_id
+            )
+            datasets = DatasetRepository(session)
+            datasets.activate(dataset, run)
+            reading, renamed = measurement.options["dataset"], dataset.renamed_classes
+            names = reading.get("renamed_classes", {})
+            datasets.change(dataset, reading)
+            new = {name: now for name, now in names.items() if renamed.get(name) != now}
+            datasets.rename_classes(dataset.id, new)
         run.changed, run.done = activation.flips.changed, run.total
         run.counts = activation.flips.verdicts()
         run.last_review_id = LatestAnswers(session).newest_id()
@@ -129,8 +114,8 @@ def refresh_doubt(context: ServiceContext) -> None:
             measurement = filled(dataset.active_measurement_id)
             cache = context.one(ColumnCache)
             for (numbers,) in cache.parts(session, dataset.id, measurement):
-                doubt_again(session, numbers.box_ids, numbers.doubt(config))
-            recount_tallies(session, dataset.id)
+                current.doubt_again(session, numbers.box_ids, numbers.doubt(config))
+            current.recount_tallies(session, dataset.id)
             DatasetRepository(session).has_this_doubt(dataset)
 
 
@@ -142,38 +127,46 @@ class Activation:
         classes = DatasetRepository(session).classes(run.dataset_id)
         self.flips = FlipTable(tuple(classes))
         self.tallies: Counter[TallyKey] = Counter()
-        reviewed = DecisionRepository(session).reviewed(run.dataset_id)
+        reviewed = current.DecisionRepository(session).reviewed(run.dataset_id)
         self._reviewed = np.array([box_id for box_id, _ in reviewed], np.int64)
         self._reviews = [review for _, review in reviewed]
 
     def decide(
-        self, numbers: BeforeAndAfter, active: FilterConfig, config: FilterConfig
+        self,
+        former: DatasetColumns,
+        numbers: DatasetColumns,
+        active: FilterConfig,
+        config: FilterConfig,
     ) -> None:
-        """Decide a part by both configurations, and store the differences."""
-        evidence = numbers.after.evidence
-        before, after = numbers.before.decided(active), decide(evidence, config)
-        ids, flipped = numbers.after.box_ids, before.reason != after.reason
+        """Decide a part by both configurations, and store the differences.
+
+        If both are of one measurement, the cache gives the same object twice.
+        """
+        evidence = numbers.evidence
+        before, after = former.decided(active), decide(evidence, config)
+        ids, flipped = numbers.box_ids, before.reason != after.reason
         RunRepository(self._session).record_flips(
             self._run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
         )
         self.flips.add(evidence, before.reason, after.reason)
         if not self._run.activate:
             return
-        then = Decided.of(before, numbers.before.doubt(active))
-        now = Decided.of(after, doubts(evidence, config, after).doubt)
+        then = current.Decided.of(before, former.doubt(active))
+        now = current.Decided.of(after, doubts(evidence, config, after).doubt)
         rows = int(then.differs(now).sum())
-        rows += len(ids) if numbers.are_measured_anew else 0
+        rows += len(ids) if former is not numbers else 0
         self._progress.begin(len(ids), rows)
-        decided_again(self._session, ids, then, now, self._progress)
-        if numbers.are_measured_anew:
-            measured_again(self._session, ids, evidence, self._progress)
-            moved = numbers.before.class_ids != numbers.after.class_ids
-            of_classes = numbers.after.class_ids[moved]
-            classified_again(self._session, ids[moved], of_classes)
+        current.decided_again(self._session, ids, then, now, self._progress)
+        if former is not numbers:
+            current.measured_again(self._session, ids, evidence, self._progress)
+            moved = former.class_ids != numbers.class_ids
+            current.classified_again(
+                self._session, ids[moved], numbers.class_ids[moved]
+            )
         if len(ids):
-            self._tally(numbers.after, now)
+            self._tally(numbers, now)
 
-    def _tally(self, numbers: DatasetColumns, decided: Decided) -> None:
+    def _tally(self, numbers: DatasetColumns, decided: current.Decided) -> None:
         """Count all boxes, which is cheaper and safer than counting changes."""
         # All ids are in order. `_reviewed[here]` are the reviewed boxes of this part;
         # `rows` are their positions in it.
@@ -214,19 +207,6 @@ class _Progress:
         of_part = self._boxes_in_part * self._written // max(self._rows_in_part, 1)
         boxes = self._boxes_before + of_part
         self.task.report(self.total * boxes // max(self.boxes, 1))
-
-
-def _activate(session: Session, dataset: Dataset, run: Run) -> None:
-    measurement = EvidenceRepository(session).measurement_with_id(
-        filled(run.measurement_id)
-    )
-    datasets = DatasetRepository(session)
-    datasets.activate(dataset, run)
-    reading, before = measurement.options["dataset"], dataset.renamed_classes
-    renamed = reading.get("renamed_classes", {})
-    datasets.change(dataset, reading)
-    changed = {name: now for name, now in renamed.items() if before.get(name) != now}
-    datasets.rename_classes(dataset.id, changed)
 
 
 def _count_unreviewed(keys: IntArray) -> dict[TallyKey, int]:

@@ -64,17 +64,9 @@ from filter_core.verdicts import (
     Decisions,
     Reason,
 )
+from unghost.wire import runs as wire
 from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram
-from unghost.wire.runs import (
-    Diff,
-    Flip,
-    FlipCounts,
-    Flips,
-    FlipSide,
-    Preview,
-    TruthScores,
-)
 from unghost.wire.words import FlipCause, Truth
 
 _REASONS: Final = len(VERDICT_OF_REASON)
@@ -95,13 +87,7 @@ _KINDS: Final[tuple[EvidenceName, ...]] = ("semantic", *CHANNELS)
 
 
 class FlipTable:
-    """Counts boxes by class, reason before and reason after.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The classes that are counted.
-    """
+    """Counts boxes of the classes `names` by class, reason before and reason after."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -116,18 +102,9 @@ class FlipTable:
     ) -> IntArray:
         """Count boxes, and find those whose verdicts differ.
 
-        Parameters
-        ----------
-        evidence : Evidence of N boxes
-        before, after : (M,) uint8
-            Reasons of the boxes in `rows`.
-        rows : (M,) int, or None
-            None for all of them, in order.
-
-        Returns
-        -------
-        int array
-            Indexes into `before` and `after`, ascending.
+        `before` and `after` (M,) are the reasons of the boxes in `rows` (M,) of the
+        evidence; None for all of them, in order. Returns indexes into `before` and
+        `after`, ascending.
         """
         # Two bytes per box and single passes: previews are made while a slider moves.
         changes = before * np.uint16(_REASONS) + after
@@ -169,11 +146,13 @@ class FlipTable:
         """How many boxes of each class have another verdict, if any have."""
         return self._by_class(_FLIPS)
 
-    def sides(self) -> dict[str, FlipCounts]:
+    def sides(self) -> dict[str, wire.FlipCounts]:
         """How many boxes flipped in each direction, by class, if any did."""
         sides = {side: self._by_class(which) for side, which in _SIDES.items()}
         return {
-            name: FlipCounts(**{side: of.get(name, 0) for side, of in sides.items()})
+            name: wire.FlipCounts(
+                **{side: of.get(name, 0) for side, of in sides.items()}
+            )
             for name in self.names
             if any(name in of for of in sides.values())
         }
@@ -197,7 +176,7 @@ class _Nearest:
 
     def __init__(self, limit: int, after: tuple[float, int] | None = None) -> None:
         self._limit, self._after = limit, after
-        self.found: list[tuple[float, int, Flip]] = []
+        self.found: list[tuple[float, int, wire.Flip]] = []
 
     def add(self, before: _Decided, after: _Decided, flips: IntArray) -> None:
         """Add the nearest among the flips of a part of a dataset."""
@@ -239,7 +218,6 @@ class _Decided:
 
     @cached_property
     def reasons(self) -> NDArray[np.uint8]:
-        """The reasons of these boxes."""
         reasons = self.decisions.reason
         return reasons if self.rows is None else reasons[self.rows]
 
@@ -263,14 +241,14 @@ class _Decided:
         distances: FloatArray = np.abs(margins)
         return distances
 
-    def sides(self, places: IntArray) -> list[FlipSide]:
+    def sides(self, places: IntArray) -> list[wire.FlipSide]:
         """The decisions on boxes with these indexes."""
         rows = self.rows_of(places)
         matches = floats_or_none(self.evidence.shown_match(rows))
         thresholds = floats_or_none(self.decisions.threshold[rows])
         reasons = map(Reason, self.reasons[places].tolist())
         return [
-            FlipSide(
+            wire.FlipSide(
                 verdict=reason.verdict.value,
                 reason=reason.label,
                 match_percent=match,
@@ -306,12 +284,12 @@ def _causes(
     ]
 
 
-def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
+def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[wire.Flip]:
     """The flips of boxes with these indexes, still without their rectangles."""
     rows = after.rows_of(places)
     names = after.evidence.class_names
     return [
-        Flip(
+        wire.Flip(
             box_id=box_id,
             frame_id=frame_id,
             class_name=names[class_index],
@@ -335,8 +313,8 @@ def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
 
 
 def _with_rectangles(
-    session: Session, flips: Sequence[Flip], measurement_id: int
-) -> tuple[Flip, ...]:
+    session: Session, flips: Sequence[wire.Flip], measurement_id: int
+) -> tuple[wire.Flip, ...]:
     """The flips with the rectangles of their boxes under a measurement."""
     rows = EvidenceRepository(session).numbers_of_frames(
         (flip.frame_id for flip in flips), measurement_id
@@ -370,14 +348,14 @@ def preview(
     dataset: Dataset,
     config: FilterConfig,
     limits: PreviewLimits,
-) -> Preview:
+) -> wire.Preview:
     """The counts, histograms and flips of a configuration that is not applied."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     plan = in_version(session, dataset, plan, version_of(measurement))
     if needs_pixels(session, dataset, plan):
-        unknown = Preview.model_fields.keys() - {"config", "needs_pixels"}
-        return Preview(
+        unknown = wire.Preview.model_fields.keys() - {"config", "needs_pixels"}
+        return wire.Preview(
             config=config.digest, needs_pixels=True, **dict.fromkeys(unknown)
         )
     is_recounted = not plan.is_covered_by(measurement.options)
@@ -423,7 +401,7 @@ def preview(
         for _, box_id, flip in nearest.found
     ]
     before_and_after = [described(of_side) for of_side in scores]
-    return Preview(
+    return wire.Preview(
         config=config.digest,
         needs_pixels=False,
         **outcome(names, table.after),
@@ -432,13 +410,13 @@ def preview(
             names, shares[1], pixels, limits_of.min_visible_percent
         ),
         decided_by={name: boxes for name, boxes in kinds.items() if boxes},
-        flips=Flips(
+        flips=wire.Flips(
             total=sum(table.flips().values()),
             **table.totals(),
             by_class=table.sides(),
             items=_with_rectangles(session, shown, measurement.id),
         ),
-        scores=TruthScores(
+        scores=wire.TruthScores(
             boxes=scores[1].boxes, before=before_and_after[0], after=before_and_after[1]
         )
         if truth
@@ -487,18 +465,17 @@ def _recounted(
     )
 
 
-@dataclass(frozen=True)
-class DiffPage:
-    """A page of flips, nearest to a threshold first, after the cursor's position."""
-
-    limit: int
-    cursor: str | None
-
-
 def run_diff(
-    context: ServiceContext, session: Session, runs: tuple[Run, Run], page: DiffPage
-) -> Diff:
-    """Counts of boxes whose verdict differs, and one page of them."""
+    context: ServiceContext,
+    session: Session,
+    runs: tuple[Run, Run],
+    limit: int,
+    cursor: str | None = None,
+) -> wire.Diff:
+    """Counts of boxes whose verdict differs, and a page of them after the cursor.
+
+    Nearest to a threshold first.
+    """
     configs = [
         config_of(ConfigRepository(session).with_id(run.config_id)) for run in runs
     ]
@@ -510,8 +487,8 @@ def run_diff(
         for id_ in measurements
     ]
     # One more than the limit, to find out whether there is a next page.
-    place = number_and_id_of_cursor(page.cursor) if page.cursor else None
-    nearest = _Nearest(page.limit + 1, place)
+    place = number_and_id_of_cursor(cursor) if cursor else None
+    nearest = _Nearest(limit + 1, place)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
         rows = [np.arange(len(numbers[1]))] * 2
@@ -534,12 +511,12 @@ def run_diff(
         flips = table.add(after.evidence, *reasons, after.rows)
         nearest.add(before, after, flips)
         causes.update(filter(None, _causes(before, after, flips)))
-    listed, following = nearest.found[: page.limit], None
-    if len(nearest.found) > page.limit:
+    listed, following = nearest.found[:limit], None
+    if len(nearest.found) > limit:
         distance, box_id, _ = listed[-1]
         following = cursor_after(distance, box_id)
     by_class, sides = table.flips(), table.sides()
-    return Diff(
+    return wire.Diff(
         run=runs[1].id,
         against=runs[0].id,
         compared=table.compared,

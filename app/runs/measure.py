@@ -25,7 +25,7 @@ from app.db.tables import Chunk, Frame, Run
 from app.engine.children import PixelsRefused
 from app.engine.chunk import JobStopped
 from app.jobs.attempts import is_one_by_one, refuse, refuse_frame
-from app.jobs.chunks import PlannedChunk
+from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
 from app.measuring.active import config_of
 from app.measuring.evidence import packed, recount, recounted_row
@@ -118,11 +118,11 @@ class _RunChunk:
 
 
 def plan_frames(
-    session: Session, run: Run, *, after: int, most: int, frames: int
+    session: Session, row: Run, *, after: int, most: int, frames: int
 ) -> list[PlannedChunk]:
     """Up to `most` chunks of frames after an id that have no evidence."""
     missing = EvidenceRepository(session).unmeasured_frames(
-        run.dataset_id, filled(run.measurement_id), after=after, limit=most * frames
+        row.dataset_id, filled(row.measurement_id), after=after, limit=most * frames
     )
     chunks = (
         missing[start : start + frames] for start in range(0, len(missing), frames)
@@ -137,13 +137,13 @@ def is_measured(session: Session, scope: RunScope) -> bool:
     )
 
 
-def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
+def unmeasured_of(session: Session, row: Run, chunk: Chunk) -> list[int]:
     """Frames of a chunk that have no evidence; empty if the chunk is done."""
     if chunk.state == "done":
         return []
     return EvidenceRepository(session).unmeasured_frames(
-        run.dataset_id,
-        filled(run.measurement_id),
+        row.dataset_id,
+        filled(row.measurement_id),
         after=chunk.first_frame_id - 1,
         until=chunk.last_frame_id,
     )
@@ -160,14 +160,12 @@ def measure_chunk(task: Task[Run]) -> None:
         chunk = _RunChunk.of(session, task)
     measured, buffer = 0, _CommitBuffer(task, chunk)
     results = task.context.engine.map(
-        partial(_measure_frame, task, chunk),
-        chunk.missing,
-        one_by_one=chunk.is_one_by_one,
+        partial(_measured, task, chunk), chunk.missing, one_by_one=chunk.is_one_by_one
     )
     with closing(results) as rows:
         for measured_frame in rows:
             # When the service stops, frames that are measured already are stored.
-            task.check_wanted()
+            task.context.engine.check_wanted(task.job)
             measured += 1
             buffer.add(measured_frame, is_last=measured == len(chunk.missing))
     is_whole = measured == len(chunk.missing)
@@ -191,21 +189,17 @@ class _Measured(NamedTuple):
     refusal: PixelsRefused | None = None
 
 
-def _measure_frame(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
-    if chunk.needs_pixels:
-        return _remeasured(task, chunk, frame_id)
-    row = chunk.former[frame_id]
-    evidence = recount(row, chunk.classes, chunk.plan)
-    measurement_id = chunk.scope.measurement_id
-    recounted = recounted_row(row, evidence, chunk.classes, measurement_id)
-    return _Measured(frame_id, recounted)
+def _measured(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
+    """Measure a frame: from its former numbers if they suffice, else from its files.
 
-
-def _remeasured(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
-    """Measure a frame from its files, ignoring those that are damaged.
-
-    Such files were stored by an earlier version, which checked less.
+    Damaged files are ignored: an earlier version stored them, which checked less.
     """
+    measurement_id = chunk.scope.measurement_id
+    if not chunk.needs_pixels:
+        row = chunk.former[frame_id]
+        evidence = recount(row, chunk.classes, chunk.plan)
+        recounted = recounted_row(row, evidence, chunk.classes, measurement_id)
+        return _Measured(frame_id, recounted)
     pool, storage = task.context.pixels, task.context.storage
     frame, files = chunk.frames[frame_id], chunk.files[frame_id]
     kinds = [kind for kind in (*MEASURED, *chunk.plan.files) if kind in files]
@@ -233,7 +227,7 @@ def _remeasured(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
                 # Without it, pixels would count that must be ignored: no file is used.
                 usable.clear()
     ids = [chunk.classes[name] for name in measured.evidence.class_names]
-    keys = {"frame_id": frame.id, "measurement_id": chunk.scope.measurement_id}
+    keys = {"frame_id": frame.id, "measurement_id": measurement_id}
     return _Measured(frame.id, {**keys, **packed(measured, ids)}, frame.key, damage)
 
 
@@ -294,4 +288,5 @@ class _CommitBuffer:
             if is_whole and self._refusal is not None:
                 refuse(session, self._task.job, self._task.number, self._refusal)
             elif is_whole:
-                self._task.chunk_done(session)
+                task = self._task
+                ChunkRepository(session).mark_done(task.job, task.number)

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 from sqlalchemy import insert, select
-from sqlalchemy.orm import Session
 
 from app.catalog.datasets import is_there
+from app.db.base import Repository
 from app.db.pages import NewestPage
 from app.db.tables import Dataset, Flips, Run
 from app.jobs.queries import OPEN
@@ -36,17 +36,12 @@ def find_flip(packed: bytes, box_id: int) -> tuple[int, int] | None:
     return int(record["before"][at]), int(record["after"][at])
 
 
-class RunRepository:
+class RunRepository(Repository):
     """Rows of `runs`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
 
     def add(self, run: Run) -> Run:
         """Insert."""
-        self._session.add(run)
-        self._session.flush()
-        return run
+        return self.insert(run)
 
     def page(
         self, page: NewestPage, state: str | None, dataset_id: int | None = None

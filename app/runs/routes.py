@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from fastapi import Depends, Header, Path, Query, Request, Response
-from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
@@ -15,6 +14,7 @@ from app.db import tables
 from app.db.base import MAX_ID
 from app.db.pages import newest
 from app.errors import StaleConfig, UnsupportedMedia
+from app.http import pages
 from app.http.bodies import run_off_loop
 from app.http.deps import (
     AppServices,
@@ -24,14 +24,6 @@ from app.http.deps import (
     RowId,
     Viewer,
     require_room_to_write,
-)
-from app.http.pages import (
-    Cursor,
-    Limit,
-    Newest,
-    accepted,
-    json_response,
-    page_with_link,
 )
 from app.http.routing import ApiRouter, body_up_to
 from app.http.transaction import WriteSession
@@ -44,29 +36,13 @@ from app.measuring.active import (
     add_version,
     describe_version,
 )
-from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
+from app.runs import service as runs
+from app.runs.flips import PreviewLimits, compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
-from app.runs.service import (
-    RUNS,
-    RunRequest,
-    coming_version,
-    described_run,
-    describing_runs,
-    request_run,
-    run_activating,
-)
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
+from unghost.wire import runs as wire
 from unghost.wire.datasets import FilterConfigIn
 from unghost.wire.model import Page
-from unghost.wire.runs import (
-    ActivateIn,
-    ConfigVersion,
-    Diff,
-    Preview,
-    PreviewIn,
-    Run,
-    RunIn,
-)
 from unghost.wire.words import JobState
 
 _MEDIA_TYPES: Final = (
@@ -115,9 +91,11 @@ def described_config() -> dict[str, object]:
 configs_router = ApiRouter(prefix="/api/v1", tag="configs")
 
 
-@configs_router.get("/datasets/{dataset}/configs", response_model=Page[ConfigVersion])
+@configs_router.get(
+    "/datasets/{dataset}/configs", response_model=Page[wire.ConfigVersion]
+)
 def list_configs(
-    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, wanted: pages.Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     found = DatasetRepository(session).named(dataset)
@@ -128,8 +106,8 @@ def list_configs(
 @configs_router.post(
     "/datasets/{dataset}/configs",
     status_code=201,
-    response_model=ConfigVersion,
-    responses={200: {"model": ConfigVersion, "description": "Stored already."}},
+    response_model=wire.ConfigVersion,
+    responses={200: {"model": wire.ConfigVersion, "description": "Stored already."}},
     openapi_extra=described_config(),
 )
 def create_config(
@@ -150,7 +128,7 @@ def create_config(
         unused_keys=body.unused_keys,
     )
     where = {"Location": f"/api/v1/configs/{version.digest}"}
-    return json_response(
+    return pages.json_response(
         describe_version(found, version), 201 if created else 200, where
     )
 
@@ -160,7 +138,7 @@ def get_config(
     caller: Viewer,
     digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")],
     session: ReadSession,
-) -> ConfigVersion:
+) -> wire.ConfigVersion:
     """A version by its digest."""
     version = ConfigRepository(session).with_digest(digest)
     dataset = DatasetRepository(session).with_id(version.dataset_id)
@@ -170,7 +148,7 @@ def get_config(
 @configs_router.get("/datasets/{dataset}/config")
 def get_active_config(
     caller: Viewer, dataset: DatasetName, session: ReadSession, response: Response
-) -> ConfigVersion:
+) -> wire.ConfigVersion:
     """The active version, by which boxes are decided now; its `ETag` is the digest."""
     found = DatasetRepository(session).named(dataset)
     version = describe_version(found, active_version(session, found))
@@ -187,11 +165,13 @@ IfMatch = Annotated[
 ]
 
 
-@configs_router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
+@configs_router.put(
+    "/datasets/{dataset}/config", status_code=202, response_model=wire.Run
+)
 def activate_config(
     caller: Reviewer,
     dataset: DatasetName,
-    body: ActivateIn,
+    body: wire.ActivateIn,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
@@ -215,36 +195,33 @@ def activate_config(
             unused_keys=loaded.unused_keys,
         )
         digest = version.digest
-    run = run_activating(session, found, digest)
+    run = runs.run_activating(session, found, digest)
     if run is None:
         if if_match is not None:
-            _require_match(session, found, if_match)
-        wanted = RunRequest(digest, audit.name, activate=True)
-        run = request_run(services, session, found, wanted)
+            coming = runs.coming_version(session, found)
+            tags = [tag.strip() for tag in if_match.split(",")]
+            if if_match.strip() != "*" and f'"{coming.digest}"' not in tags:
+                raise StaleConfig(
+                    f"configuration {coming.digest[:12]} of {coming.created_by!r} is "
+                    f"or becomes the active one of dataset {dataset!r}, expected "
+                    f"{if_match}",
+                    current=describe_version(found, coming).model_dump(mode="json"),
+                )
+        wanted = runs.RunRequest(digest, audit.name, activate=True)
+        run = runs.request_run(services, session, found, wanted)
         made = {"config": digest, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
-    return accepted(described_run(services, session, run))
-
-
-def _require_match(session: Session, dataset: tables.Dataset, if_match: str) -> None:
-    version = coming_version(session, dataset)
-    tags = [tag.strip() for tag in if_match.split(",")]
-    if if_match.strip() != "*" and f'"{version.digest}"' not in tags:
-        raise StaleConfig(
-            f"configuration {version.digest[:12]} of {version.created_by!r} is or "
-            f"becomes the active one of dataset {dataset.name!r}, expected {if_match}",
-            current=describe_version(dataset, version).model_dump(mode="json"),
-        )
+    return pages.accepted(runs.described_run(services, session, run))
 
 
 @configs_router.post("/datasets/{dataset}/preview")
 def preview_config(
     caller: Reviewer,
     dataset: DatasetName,
-    body: PreviewIn,
+    body: wire.PreviewIn,
     session: ReadSession,
     services: AppServices,
-) -> Preview:
+) -> wire.Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
     found = DatasetRepository(session).named(dataset)
     config = load_config(body.config.root).after(active_config(session, found))
@@ -260,11 +237,11 @@ State = Annotated[
 ]
 
 
-@router.get("/datasets/{dataset}/runs", response_model=Page[Run])
+@router.get("/datasets/{dataset}/runs", response_model=Page[wire.Run])
 def list_runs(
     caller: Viewer,
     dataset: DatasetName,
-    wanted: Newest,
+    wanted: pages.Newest,
     session: ReadSession,
     services: AppServices,
     state: State = None,
@@ -272,27 +249,27 @@ def list_runs(
     """Runs of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = RunRepository(session).page(wanted.page, state, found.id)
-    return wanted.response(rows, describing_runs(services, session, rows))
+    return wanted.response(rows, runs.describing_runs(services, session, rows))
 
 
-@router.get("/runs", response_model=Page[Run])
+@router.get("/runs", response_model=Page[wire.Run])
 def list_all_runs(
     caller: Viewer,
-    wanted: Newest,
+    wanted: pages.Newest,
     session: ReadSession,
     services: AppServices,
     state: State = None,
 ) -> Response:
     """Runs of all datasets, newest first."""
     rows = RunRepository(session).page(wanted.page, state)
-    return wanted.response(rows, describing_runs(services, session, rows))
+    return wanted.response(rows, runs.describing_runs(services, session, rows))
 
 
-@router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
+@router.post("/datasets/{dataset}/runs", status_code=202, response_model=wire.Run)
 def create_run(
     caller: Reviewer,
     dataset: DatasetName,
-    body: RunIn,
+    body: wire.RunIn,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
@@ -300,7 +277,7 @@ def create_run(
     """Decide again from numbers, or measure again, as the configuration needs."""
     found = DatasetRepository(session).named(dataset)
     config = body.config
-    wanted = RunRequest(
+    wanted = runs.RunRequest(
         config
         if isinstance(config, str)
         else load_config(config.root).after(active_config(session, found)),
@@ -308,25 +285,27 @@ def create_run(
         activate=body.activate,
         measure_again=body.measure_again,
     )
-    run = request_run(services, session, found, wanted)
-    described = described_run(services, session, run)
+    run = runs.request_run(services, session, found, wanted)
+    described = runs.described_run(services, session, run)
     if run.activate:
         activated = {"config": described.config, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **activated)
-    return accepted(described)
+    return pages.accepted(described)
 
 
 @router.get("/runs/{run_id}")
 def get_run(
     caller: Viewer, run_id: RowId, session: ReadSession, services: AppServices
-) -> Run:
+) -> wire.Run:
     """A run and its progress."""
     run = job_with_id(session, tables.Run, run_id)
-    return described_run(services, session, run)
+    return runs.described_run(services, session, run)
 
 
 @router.get(
-    "/runs/{run_id}/events", response_class=Response, responses=events_of(Run, "run")
+    "/runs/{run_id}/events",
+    response_class=Response,
+    responses=events_of(wire.Run, "run"),
 )
 async def watch_run(
     caller: Viewer,
@@ -336,10 +315,10 @@ async def watch_run(
     last_event_id: LastEventId = None,
 ) -> Response:
     """The progress of a run, as server-sent events; the last one is `end`."""
-    return await watch(request, services, RUNS, run_id, last_event_id)
+    return await watch(request, services, runs.RUNS, run_id, last_event_id)
 
 
-@router.post("/runs/{run_id}/cancel", status_code=202, response_model=Run)
+@router.post("/runs/{run_id}/cancel", status_code=202, response_model=wire.Run)
 def stop_run(
     caller: Reviewer,
     run_id: RowId,
@@ -348,15 +327,15 @@ def stop_run(
     audit: Audited,
 ) -> Response:
     """Cancel a run; its dataset does not change. 409 if the run has ended already."""
-    run = cancel(services, session, RUNS, run_id)
-    described = described_run(services, session, run)
+    run = cancel(services, session, runs.RUNS, run_id)
+    described = runs.described_run(services, session, run)
     audit.note(AuditAction.RUN_CANCELLED, run_id, dataset=described.dataset)
-    return accepted(described)
+    return pages.accepted(described)
 
 
 @router.get(
     "/runs/{run_id}/diff",
-    response_model=Diff,
+    response_model=wire.Diff,
     responses={409: {"description": "One of the runs is not done."}},
 )
 def compare_runs(
@@ -369,10 +348,10 @@ def compare_runs(
         int | None,
         Query(ge=1, le=MAX_ID, description="Another run; default: the former active."),
     ] = None,
-    limit: Limit = 100,
-    cursor: Cursor = None,
+    limit: pages.Limit = 100,
+    cursor: pages.Cursor = None,
 ) -> Response:
     """Boxes whose verdicts differ between two runs, nearest to a threshold first."""
     runs = compared_runs(session, run_id, against)
-    diff = run_diff(services, session, runs, DiffPage(limit, cursor))
-    return page_with_link(request, diff, diff.next_cursor)
+    diff = run_diff(services, session, runs, limit, cursor)
+    return pages.page_with_link(request, diff, diff.next_cursor)

@@ -1,8 +1,7 @@
 """Runs: requests for them, their jobs and their descriptions.
 
-Frames are measured in many small transactions. The final step is one transaction. It
-checks for new frames, stores the changes, and makes the run's verdicts current, so that
-nobody ever sees a dataset that is half decided.
+Frames are measured in many small transactions (`app.runs.measure`); the final step is
+one transaction (`app.runs.activate`).
 """
 
 from __future__ import annotations
@@ -17,11 +16,9 @@ from app.boxes.queries import FrameRepository
 from app.catalog.configs import ConfigRepository
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
-from app.db.base import filled, utc_now
+from app.db.base import filled, response_of, utc_now
 from app.db.tables import Chunk, ConfigVersion, Dataset, Measurement, Run
 from app.errors import NotFound
-from app.jobs.chunks import PlannedChunk
-from app.jobs.kind import Task
 from app.jobs.queries import job_of
 from app.jobs.service import queue_job
 from app.measuring.active import active_config, active_version, add_version, config_of
@@ -144,15 +141,13 @@ def describe_run(
 ) -> wire.Run:
     """A run as responses show it."""
     reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
-    same = wire.Run.model_fields.keys() - {"dataset", "config", "done", "counts"}
-    return wire.Run.model_validate(
-        {
-            **{name: getattr(run, name) for name in same},
-            "dataset": dataset,
-            "config": digest,
-            "done": max(run.done, reported),
-            "counts": run.counts or {},
-        }
+    return response_of(
+        wire.Run,
+        run,
+        dataset=dataset,
+        config=digest,
+        done=max(run.done, reported),
+        counts=run.counts or {},
     )
 
 
@@ -169,11 +164,11 @@ def describing_runs(
     )
 
 
-def described_run(context: ServiceContext, session: Session, run: Run) -> wire.Run:
+def described_run(context: ServiceContext, session: Session, row: Run) -> wire.Run:
     """A run as responses show it, with its dataset's name and its digest looked up."""
-    dataset = DatasetRepository(session).with_id(run.dataset_id)
-    digest = ConfigRepository(session).with_id(run.config_id).digest
-    return describe_run(context, run, dataset.name, digest)
+    dataset = DatasetRepository(session).with_id(row.dataset_id)
+    digest = ConfigRepository(session).with_id(row.config_id).digest
+    return describe_run(context, row, dataset.name, digest)
 
 
 class RunJobs:
@@ -181,6 +176,11 @@ class RunJobs:
 
     table = Run
     final_step_words: str | None = "deciding its boxes"
+    plan = staticmethod(plan_frames)
+    work = staticmethod(measure_chunk)
+    finish = staticmethod(decide_all)
+    unfinished = staticmethod(unmeasured_of)
+    describe = staticmethod(described_run)
 
     def may_begin(self, session: Session, row: Run) -> bool:
         """Whether the run may begin: False if an earlier one has to activate first."""
@@ -197,24 +197,6 @@ class RunJobs:
         # If nothing is to be measured, `done` counts the frames that are decided.
         if missing:
             row.done = max(row.done, row.total - missing)
-
-    def plan(
-        self, session: Session, row: Run, *, after: int, most: int, frames: int
-    ) -> list[PlannedChunk]:
-        """Chunks of frames that lack their numbers."""
-        return plan_frames(session, row, after=after, most=most, frames=frames)
-
-    def work(self, task: Task[Run]) -> None:
-        """Measure a chunk."""
-        measure_chunk(task)
-
-    def finish(self, task: Task[Run]) -> None:
-        """Decide all boxes and end the run, unless there are new frames to measure."""
-        decide_all(task)
-
-    def unfinished(self, session: Session, row: Run, chunk: Chunk) -> list[int]:
-        """Frames of a chunk that lack their numbers."""
-        return unmeasured_of(session, row, chunk)
 
     def name_unfinished(
         self, session: Session, row: Run, chunks: Sequence[Chunk]
@@ -239,10 +221,6 @@ class RunJobs:
             named.append(f"{len(ends) - len(shown)} more")
         word = "frame" if len(keys) == 1 else "frames"
         return f"{word} {', '.join(named)}" if named else ""
-
-    def describe(self, context: ServiceContext, session: Session, row: Run) -> wire.Run:
-        """A run as responses show it."""
-        return described_run(context, session, row)
 
 
 RUNS: Final = RunJobs()

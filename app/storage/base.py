@@ -86,6 +86,7 @@ class BlobStore(Protocol):
 
         A blob that exists already counts as put now (see `remove`).
         """
+        self.settle([self.draft(blobs)])
 
     def draft(self, blobs: Mapping[str, bytes]) -> Drafts:
         """Start putting blobs; call `settle` or `discard` afterwards."""
@@ -191,9 +192,14 @@ def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
         yield path, max(times)
 
 
-def export_of(leftover: Path) -> str:
-    """The export to which an unfinished file belongs, as ``export-7``."""
-    return "-".join(leftover.name.split("-")[:2])
+def left_over(store: BlobStore, at_work: Iterable[int], until: float) -> list[Path]:
+    """The leftovers that are not younger, apart from files of exports at work."""
+    names = {f"export-{number}" for number in at_work}
+    return [
+        path
+        for path, changed_at in store.leftovers()
+        if "-".join(path.name.split("-")[:2]) not in names and changed_at <= until
+    ]
 
 
 def digest_of(file: Path) -> str:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Final
 
 
-def flush_file(file: Path) -> None:
+def flush_file(file: Path, flags: int = os.O_RDWR) -> None:
     """Flush the content of a file to the disk."""
-    descriptor = os.open(file, os.O_RDWR)
+    descriptor = os.open(file, flags)
     try:
         os.fsync(descriptor)
     finally:
@@ -23,13 +23,8 @@ def flush_folder(folder: Path) -> None:
     """Flush the entries of a folder to the disk."""
     # A rename is only durable once its folder is. Windows cannot open folders, and
     # does not need to.
-    if os.name == "nt":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    if os.name != "nt":
+        flush_file(folder, os.O_RDONLY)
 
 
 def flush_everything(folder: Path) -> None:

@@ -11,16 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import DamagedFile, TryLater
-from app.storage.base import (
-    Drafts,
-    StoredBlob,
-    StoredFile,
-    digest_of,
-    leftovers,
-    place_of,
-    sha256_of,
-    stored_files,
-)
+from app.storage import base
 from app.storage.durable import flush_file, flush_folder, make_folder
 
 _PREFIX_LENGTH: Final = 2
@@ -28,7 +19,7 @@ _PREFIX_LENGTH: Final = 2
 _NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-class FolderDrafts(Drafts):
+class FolderDrafts(base.Drafts):
     """Blobs whose new files are written, but neither flushed nor renamed.
 
     `places` are the paths of all blobs, `files` pairs of a draft and its final path.
@@ -39,8 +30,8 @@ class FolderDrafts(Drafts):
         self.files: list[tuple[Path, Path]] = []
 
 
-class FolderStorage:
-    """A store of blobs in a folder; safe for several processes that write."""
+class FolderStorage(base.BlobStore):
+    """A `BlobStore` in a folder."""
 
     def __init__(self, folder: Path, *, make: bool = True) -> None:
         self.folder = folder
@@ -63,16 +54,12 @@ class FolderStorage:
         with tempfile.TemporaryFile(dir=self.temporary_folder(), buffering=0) as file:
             file.write(b"ready?")
 
-    def put(self, blobs: Mapping[str, bytes]) -> None:
-        """Store blobs by their digests; when this returns, they are durable.
+    def draft(self, blobs: Mapping[str, bytes]) -> FolderDrafts:
+        """Write blobs next to their final paths; `settle` or `discard` them later.
 
         A blob that exists already is not written again. Its folder is still flushed:
         another writer may not have done that yet.
         """
-        self.settle([self.draft(blobs)])
-
-    def draft(self, blobs: Mapping[str, bytes]) -> FolderDrafts:
-        """Write blobs next to their final paths; `settle` or `discard` them later."""
         drafts = FolderDrafts([self.path(digest) for digest in blobs])
         try:
             for path, data in zip(drafts.places, blobs.values(), strict=True):
@@ -83,7 +70,7 @@ class FolderStorage:
             raise
         return drafts
 
-    def settle(self, many: Sequence[Drafts]) -> None:
+    def settle(self, many: Sequence[base.Drafts]) -> None:
         """Make drafts durable blobs: each file and each folder is flushed once.
 
         All files are flushed before all folders: one flush often writes data of other
@@ -101,30 +88,23 @@ class FolderStorage:
         for folder in {path.parent for path in places}:
             flush_folder(folder)
 
-    def discard(self, many: Sequence[Drafts]) -> None:
-        """Delete drafts."""
+    def discard(self, many: Sequence[base.Drafts]) -> None:
         for draft, _ in _files(many):
             draft.unlink(missing_ok=True)
 
     def path(self, digest: str) -> Path:
-        """The path of a blob."""
-        return self.folder / place_of(digest)
+        return self.folder / base.place_of(digest)
 
     def read(self, digest: str) -> bytes:
-        """A blob's bytes; DamagedFile if it is missing, or its digest is wrong."""
         try:
             content = self.path(digest).read_bytes()
         except FileNotFoundError as exc:
             raise DamagedFile(digest, "is missing") from exc
-        if sha256_of(content) != digest:
+        if base.sha256_of(content) != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return content
 
-    def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """A blob to read from; DamagedFile if it is missing or of another size.
-
-        Its content is not compared with the digest.
-        """
+    def open(self, digest: str, *, size_bytes: int | None) -> base.StoredBlob:
         path = self.path(digest)
         try:
             size = path.stat().st_size
@@ -138,21 +118,15 @@ class FolderStorage:
                 file.seek(first)
                 return file.read(end - first)
 
-        return StoredBlob(size, part, path)
+        return base.StoredBlob(size, part, path)
 
-    def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """As `open`; DamagedFile also if the content does not have this digest."""
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> base.StoredBlob:
         blob = self.open(digest, size_bytes=size_bytes)
-        if digest_of(self.path(digest)) != digest:
+        if base.digest_of(self.path(digest)) != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
-        """Check that no blob was removed since it was put.
-
-        Raises TryLater if one is missing; if the client sends it again, it is put
-        again.
-        """
         if not all(self.path(digest).exists() for digest in digests):
             raise TryLater("a file was deleted meanwhile; send the frame again")
 
@@ -161,7 +135,6 @@ class FolderStorage:
         self.require(digests)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put the given blobs that are missing or stored with another size."""
         lost = {
             digest: data
             for digest, data in blobs.items()
@@ -171,7 +144,6 @@ class FolderStorage:
             self.put(lost)
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
-        """Remove blobs that were not put since a time; returns the removed sizes."""
         removed = {}
         for digest in digests:
             path = self.path(digest)
@@ -188,19 +160,17 @@ class FolderStorage:
     def adopt(self, file: Path) -> str:
         """Move a file of the same file system into the store; returns its digest."""
         flush_file(file)
-        name = digest_of(file)
+        name = base.digest_of(file)
         path = self.path(name)
         file.replace(path)
         flush_folder(path.parent)
         return name
 
-    def files(self) -> Iterator[StoredFile]:
-        """All blobs, sub-folder by sub-folder."""
-        return stored_files(self.folder)
+    def files(self) -> Iterator[base.StoredFile]:
+        return base.stored_files(self.folder)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
-        """Drafts and unfinished exports, each with the time of its last change."""
-        return leftovers(self.folder)
+        return base.leftovers(self.folder)
 
     def temporary_folder(self) -> Path:
         """A folder on the same file system for files that are being written."""
@@ -227,14 +197,14 @@ class FolderStorage:
         """Do nothing: there are no resources to release."""
 
 
-def _own(many: Sequence[Drafts]) -> Iterator[FolderDrafts]:
+def _own(many: Sequence[base.Drafts]) -> Iterator[FolderDrafts]:
     for drafts in many:
         if not isinstance(drafts, FolderDrafts):
             raise TypeError(f"drafts of another store: {drafts!r}")
         yield drafts
 
 
-def _files(many: Sequence[Drafts]) -> list[tuple[Path, Path]]:
+def _files(many: Sequence[base.Drafts]) -> list[tuple[Path, Path]]:
     return [file for drafts in _own(many) for file in drafts.files]
 
 

@@ -24,17 +24,7 @@ from obstore.store import S3Store
 from app.addresses import Bucket
 from app.errors import AppError, DamagedFile, StorageAway, TryLater
 from app.logs import error_log
-from app.storage.base import (
-    PIECE,
-    BlobsUncertain,
-    Drafts,
-    StoredBlob,
-    StoredFile,
-    digest_of,
-    leftovers,
-    place_of,
-    sha256_of,
-)
+from app.storage import base
 from app.storage.durable import make_folder
 
 if TYPE_CHECKING:
@@ -42,7 +32,7 @@ if TYPE_CHECKING:
 
 MAX_PARALLEL: Final = 16
 """Maximum number of concurrent puts, and of other concurrent requests."""
-SMALL_BYTES: Final = 2 * PIECE
+SMALL_BYTES: Final = 2 * base.PIECE
 """Blobs up to this size are read once: they are verified and sent from memory."""
 PART_BYTES: Final = 8 * 1024**2
 """Bytes of each part of an export; five parts are in memory while it is put."""
@@ -60,18 +50,19 @@ _READY: Final = "ready"
 _BLOB: Final = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
 
 
-class S3Drafts(Drafts):
+class S3Drafts(base.Drafts):
     """Blobs that are being sent to the bucket."""
 
     def __init__(self) -> None:
         self.puts: list[Future[None]] = []
 
 
-class S3Storage:
-    """A store of blobs in a bucket; keys are the same as paths in a folder."""
+class S3Storage(base.BlobStore):
+    """A `BlobStore` in a bucket; keys are the same as paths in a folder."""
 
     def __init__(self, place: S3Place, local: Path) -> None:
-        self._store, self._probe = retrying_client(place), quick_client(place)
+        self._store = retrying_client(place)
+        self._probe = _opened(place, min(PROBE_S, place.timeout_s), 1)
         self._local = local
         self._patience_s = 2 * place.timeout_s
         self._recent = _RecentBlobs(place.trust_s)
@@ -96,17 +87,11 @@ class S3Storage:
         with suppress(AlreadyExistsError), translated():
             self._probe.put(_READY, b"ready?", mode="create")
 
-    def put(self, blobs: Mapping[str, bytes]) -> None:
-        """Store blobs by their digests; when this returns, they are durable.
-
-        An existing blob is put again, since only its time shows that it is in use.
-        """
-        self.settle([self.draft(blobs)])
-
     def draft(self, blobs: Mapping[str, bytes]) -> S3Drafts:
         """Start putting blobs; waits while `MAX_PARALLEL` others are being put.
 
-        This limits the number of blobs in memory if the store is slow.
+        An existing blob is put again, since only its time shows that it is in use. This
+        limits the number of blobs in memory if the store is slow.
         """
         drafts = S3Drafts()
         try:
@@ -125,29 +110,27 @@ class S3Storage:
             raise
         return drafts
 
-    def settle(self, many: Sequence[Drafts]) -> None:
+    def settle(self, many: Sequence[base.Drafts]) -> None:
         """Return when all blobs of these drafts are in the bucket."""
         for put in _puts_of(many):
             put.result()
 
-    def discard(self, many: Sequence[Drafts]) -> None:
+    def discard(self, many: Sequence[base.Drafts]) -> None:
         """Cancel puts that have not begun; garbage collection removes the others."""
         for put in _puts_of(many):
             put.cancel()
 
     def read(self, digest: str) -> bytes:
-        """The bytes of a blob; DamagedFile if it is missing or its digest is wrong."""
         try:
             with translated(absent=True):
-                content = self._store.get(place_of(digest)).bytes().to_bytes()
+                content = self._store.get(base.place_of(digest)).bytes().to_bytes()
         except FileNotFoundError:
             raise self._missing(digest) from None
-        if sha256_of(content) != digest:
+        if base.sha256_of(content) != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return content
 
-    def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """A blob to read from; DamagedFile if it is missing or of another size."""
+    def open(self, digest: str, *, size_bytes: int | None) -> base.StoredBlob:
         file = self._find(digest)
         if file is None:
             raise self._missing(digest)
@@ -157,22 +140,23 @@ class S3Storage:
         def part(first: int, end: int) -> bytes:
             try:
                 with translated(absent=True):
-                    read = self._store.get_range(place_of(digest), start=first, end=end)
+                    read = self._store.get_range(
+                        base.place_of(digest), start=first, end=end
+                    )
             except FileNotFoundError:
                 raise self._missing(digest) from None
             if len(read) != end - first:
                 raise DamagedFile(digest, "is truncated")
             return read.to_bytes()
 
-        return StoredBlob(file.size_bytes, part)
+        return base.StoredBlob(file.size_bytes, part)
 
-    def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
-        """As `open`; DamagedFile also if the content does not have this digest."""
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> base.StoredBlob:
         if size_bytes is not None and size_bytes <= SMALL_BYTES:
             content = self.read(digest)
             if len(content) != size_bytes:
                 raise _wrong_size(digest, len(content), size_bytes)
-            return StoredBlob(size_bytes, lambda first, end: content[first:end])
+            return base.StoredBlob(size_bytes, lambda first, end: content[first:end])
         blob = self.open(digest, size_bytes=size_bytes)
         if blob.digest() != digest:
             raise DamagedFile(digest, "has changed since it was stored")
@@ -185,7 +169,7 @@ class S3Storage:
         """
         uncertain = [digest for digest in digests if digest not in self._recent]
         if uncertain:
-            raise BlobsUncertain(uncertain)
+            raise base.BlobsUncertain(uncertain)
 
     def make_sure(self, digests: Iterable[str]) -> None:
         """Look up blobs; raises TryLater if one was removed since it was put."""
@@ -196,7 +180,6 @@ class S3Storage:
             self._recent.add(digest, begun)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put the given blobs that are missing or stored with another size."""
         found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
         sizes = {digest: file.size_bytes for digest, file in found if file}
         lost = {
@@ -220,15 +203,15 @@ class S3Storage:
 
     def adopt(self, file: Path) -> str:
         """Put a file, in parts if it is large, and delete it; returns its digest."""
-        digest = digest_of(file)
+        digest = base.digest_of(file)
         with translated():
             self._store.put(
-                place_of(digest), file, chunk_size=PART_BYTES, max_concurrency=4
+                base.place_of(digest), file, chunk_size=PART_BYTES, max_concurrency=4
             )
         file.unlink()
         return digest
 
-    def files(self) -> Iterator[StoredFile]:
+    def files(self) -> Iterator[base.StoredFile]:
         """All blobs below the prefix, in the order of their keys."""
         with translated():
             for some in self._store.list(chunk_size=1000):
@@ -236,11 +219,11 @@ class S3Storage:
                     blob = _BLOB.fullmatch(found["path"])
                     if blob is not None:
                         changed_at = found["last_modified"].timestamp()
-                        yield StoredFile(blob[1], found["size"], changed_at)
+                        yield base.StoredFile(blob[1], found["size"], changed_at)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
         """Unfinished exports on this machine, each with the time of its last change."""
-        return leftovers(self._local)
+        return base.leftovers(self._local)
 
     def temporary_folder(self) -> Path:
         """A local folder in which exports are written before they are put."""
@@ -254,7 +237,7 @@ class S3Storage:
         self._asks.shutdown(wait=False, cancel_futures=True)
 
     def _put(self, digest: str, data: bytes) -> None:
-        key, begun = place_of(digest), time.monotonic()
+        key, begun = base.place_of(digest), time.monotonic()
         try:
             with translated():
                 self._store.put(key, data, mode="create")
@@ -265,13 +248,14 @@ class S3Storage:
         else:
             self._recent.add(digest, begun)
 
-    def _find(self, digest: str) -> StoredFile | None:
+    def _find(self, digest: str) -> base.StoredFile | None:
         try:
             with translated(absent=True):
-                found = self._store.head(place_of(digest))
+                found = self._store.head(base.place_of(digest))
         except FileNotFoundError:
             return None
-        return StoredFile(digest, found["size"], found["last_modified"].timestamp())
+        changed_at = found["last_modified"].timestamp()
+        return base.StoredFile(digest, found["size"], changed_at)
 
     def _remove(self, digest: str, *, until: float) -> int | None:
         found = self._find(digest)
@@ -279,7 +263,7 @@ class S3Storage:
             return None
         self._recent.discard(digest)
         with suppress(FileNotFoundError), translated(absent=True):
-            self._store.delete(place_of(digest))
+            self._store.delete(base.place_of(digest))
         return found.size_bytes
 
     def _missing(self, digest: str) -> AppError:
@@ -319,7 +303,7 @@ class _RecentBlobs:
         return begun is not None and time.monotonic() - begun < self.trust_s
 
 
-def _puts_of(many: Sequence[Drafts]) -> Iterator[Future[None]]:
+def _puts_of(many: Sequence[base.Drafts]) -> Iterator[Future[None]]:
     for drafts in many:
         if not isinstance(drafts, S3Drafts):
             raise TypeError(f"drafts of another store: {drafts!r}")
@@ -361,11 +345,6 @@ class S3Place:
 def retrying_client(place: S3Place) -> S3Store:
     """A client that retries failed requests."""
     return _opened(place, place.timeout_s, MOST_RETRIES)
-
-
-def quick_client(place: S3Place) -> S3Store:
-    """A client with a short timeout, to check whether the store responds."""
-    return _opened(place, min(PROBE_S, place.timeout_s), 1)
 
 
 def _opened(place: S3Place, timeout_s: float, retries: int) -> S3Store:

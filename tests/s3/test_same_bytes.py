@@ -1,11 +1,12 @@
 """Exports have the same bytes whether files are stored in a bucket or in a folder."""
 
 from app.db.tables import Export
-from app.exports.service import ExportRequest, request_export
+from app.exports.service import request_export
 from app.jobs.queries import job_with_id
 from tests.support import frames as scene
 from tests.support.services import ANSWERED_AT, ServiceDataset, running_services
 from tests.support.waiting import until
+from unghost.wire.runs import ExportIn
 
 FORMATS = {
     "yolo": {"images": "copy"},
@@ -34,9 +35,11 @@ def rename_dataset(services, name) -> ServiceDataset:
 
 
 def export_state_and_digest(street, form):
-    request = ExportRequest(form, FORMATS[form], "ada")
+    request = ExportIn(format=form, options=FORMATS[form])
     with street.context.database.write() as session:
-        made = request_export(street.context, session, street.row(session), request)
+        made = request_export(
+            street.context, session, street.row(session), request, "ada"
+        )
 
     def ended():
         with street.context.database.read() as session:

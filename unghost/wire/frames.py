@@ -294,13 +294,14 @@ class CropQuery(RequestModel):
 
 
 _CROP: Final = r"\d{1,18}-\d{1,2}(\.\d{1,4})?-\d{2,4}"
+CROPS_PATTERN: Final = rf"^{_CROP}(,{_CROP}){{0,31}}$"
 
 
 class CropsQuery(RequestModel):
     """Which crops of the image, around several boxes, a response holds."""
 
     crops: str = Field(
-        pattern=rf"^{_CROP}(,{_CROP}){{0,31}}$",
+        pattern=CROPS_PATTERN,
         description="Up to 32, separated by commas: the id of the box, `pad` and "
         "`height`, as one crop has them, joined by hyphens.",
         examples=["7-0.25-256,12-0.5-192"],

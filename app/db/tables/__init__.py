@@ -12,14 +12,7 @@ from app.db.tables.frames import (
     Problem,
 )
 from app.db.tables.hooks import Hook, HookDelivery, PendingReview
-from app.db.tables.jobs import (
-    Chunk,
-    Export,
-    Installation,
-    JobRow,
-    Lease,
-    Run,
-)
+from app.db.tables.jobs import Chunk, Export, Installation, JobRow, Lease, Run
 from app.db.tables.reviews import Claim, Review, ReviewBatch
 
 __all__ = [

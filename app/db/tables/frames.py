@@ -135,10 +135,7 @@ class Problem(Base):
     """A frame that was refused, with the error its sender got."""
 
     __tablename__ = "problems"
-    __table_args__ = (
-        Index(None, "dataset_id", "id"),
-        {"sqlite_autoincrement": True},
-    )
+    __table_args__ = (Index(None, "dataset_id", "id"), {"sqlite_autoincrement": True})
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     dataset_id: Mapped[int] = cascading("datasets.id")

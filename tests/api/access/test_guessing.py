@@ -5,8 +5,7 @@ import tracemalloc
 
 import pytest
 
-from app.access.gate import WrongSecrets
-from app.access.upkeep import write_upkeep
+from app.access.gate import WrongSecrets, write_upkeep
 from tests.support.databases import everything_in
 
 SESSION = "/api/v1/session"

@@ -5,7 +5,7 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 
-from app.access.upkeep import write_upkeep
+from app.access.gate import write_upkeep
 from tests.support.databases import everything_in
 from tests.support.live import live
 

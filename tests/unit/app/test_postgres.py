@@ -13,18 +13,19 @@ from app.access.audit import AuditTrail
 from app.boxes.current import TallyRepository
 from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
-from app.boxes.queries import FrameFilter, FrameRepository, PageRequest
+from app.boxes.queries import FrameRepository, PageRequest
 from app.db.tables import Export
-from app.exports.service import ExportRequest, request_export
+from app.exports.service import request_export
 from app.ingest.check import MAX_TEXT
 from app.jobs.queries import job_with_id
 from app.review.bulk import review_many
-from app.runs.flips import DiffPage, compared_runs, run_diff
+from app.runs.flips import compared_runs, run_diff
 from filter_core.verdicts import Reason
 from tests.support import frames as scene
 from tests.support.databases import empty_postgres
 from tests.support.services import ServiceDataset, Services, running_services
 from unghost.wire.boxes import BoxSelection, BulkIn
+from unghost.wire.runs import ExportIn
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
@@ -142,10 +143,12 @@ def test_run_diff_and_export_on_postgres(services):
     run = street.run({"min_visible_pixels": 10**6}, activate=False)
     with services.context.database.read() as session:
         runs = compared_runs(session, run.id, None)
-        diff = run_diff(services.context, session, runs, DiffPage(10, None))
+        diff = run_diff(services.context, session, runs, 10)
     with services.context.database.write() as session:
-        request = ExportRequest("yolo", {}, "ada")
-        export = request_export(services.context, session, street.row(session), request)
+        request = ExportIn(format="yolo")
+        export = request_export(
+            services.context, session, street.row(session), request, "ada"
+        )
     street.wait(run.id)
 
     assert (diff.total, diff.kept_to_rejected) == (1, 1)
@@ -167,8 +170,8 @@ def test_frame_keys_are_sorted_by_code_point_in_any_locale(tmp_path):
         with services.context.database.read() as session:
             frames = FrameRepository(session)
             by_key = PageRequest("key", "", 100)
-            listed = frames.page(FrameFilter(street.id), by_key)
-            below = frames.page(FrameFilter(street.id, "a/"), by_key)
+            listed = frames.page(street.id, by_key)
+            below = frames.page(street.id, by_key, "a/")
 
     assert [frame.key for frame in listed] == keys
     assert [frame.key for frame in below] == ["a/B", "a/a"]

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.boxes import frames as described
+from app.boxes.queries import FrameRepository
 from app.errors import FrameConflict, NotFound
 from app.ingest.batch import BatchIntake
 from app.ingest.frame import RefusedFrame, UploadedFrame, UploadRequest
@@ -91,8 +92,8 @@ def described_frames(street):
     with street.context.database.read() as session:
         for key in "abcd":
             with suppress(NotFound):
-                frame_id = described.frame_id_of(session, street.name, key)
-                frame = described.describe_frame(session, frame_id)
+                stored = FrameRepository(session).current(street.id, key)
+                frame = described.describe_frame(session, stored.id)
                 frames[key] = without_ids(frame)
     return frames
 

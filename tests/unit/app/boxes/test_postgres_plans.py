@@ -14,21 +14,26 @@ from app.boxes.counts import count
 from app.boxes.current import TallyRepository
 from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
-from app.boxes.queries import FrameFilter, FrameRepository, PageRequest
+from app.boxes.queries import FrameRepository, PageRequest
 from app.boxes.reader import describe_box
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import frames_state, key_rows
 from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.review.bulk import review_many
-from app.review.queue import QueueRequest, next_boxes, remaining_boxes
+from app.review.queue import next_boxes, remaining_boxes
 from app.review.service import review_box
 from app.security import Principal
 from tests.support.databases import migrated_postgres
 from tests.support.large_datasets import BOXES_PER_FRAME, DatasetSpec, make_dataset
 from tests.support.services import running_services
 from tests.support.statements import statements_of
-from unghost.wire.boxes import BoxSelection, BulkIn, ReviewIn
+from unghost.wire.boxes import (
+    BoxSelection,
+    BulkIn,
+    QueueIn,
+    ReviewIn,
+)
 
 FRAMES = 2_000
 FEW_FRAMES = 600
@@ -163,22 +168,24 @@ def test_page_of_boxes_reads_few_rows(session, dataset_row, name, order):
 
 @pytest.mark.parametrize("order", ["doubt", "random", "class"])
 def test_queue_reads_few_rows(context, session, dataset_row, order):
-    request = QueueRequest("ada", order, BoxSelection(), PAGE, (), None)
-    queue = remaining_boxes(context, NAME, request)
+    request = QueueIn(order=order, limit=PAGE)
+    queue = remaining_boxes(context, NAME, "ada", request)
 
     with context.database.write() as writing:
-        batch = next_boxes(writing, dataset_row, request, queue)
-        check(writing, lambda: next_boxes(writing, dataset_row, request, queue))
+        arguments = (writing, dataset_row, "ada", request, queue)
+        batch = next_boxes(*arguments)
+        check(writing, lambda: next_boxes(*arguments))
 
     boxes = count(TallyRepository(session).of_dataset(dataset_row.id))
     expected = BOXES if order == "random" else boxes.bins["ask"]
-    assert (len(batch["items"]), batch["remaining"]) == (PAGE, expected)
+    items: Any = batch["items"]
+    assert (len(items), batch["remaining"]) == (PAGE, expected)
 
 
 def test_storing_a_review_reads_no_other_reviews(context, session, dataset_row):
     """PostgreSQL's statistics do not include the many answers given just before."""
     frames = FrameRepository(session)
-    (frame,) = frames.page(FrameFilter(dataset_row.id), PageRequest("key", None, 0))
+    (frame,) = frames.page(dataset_row.id, PageRequest("key", None, 0))
     ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 10))
     many = BulkIn(dataset=NAME, verdict="keep", box_ids=ids)
     keep = ReviewIn(verdict="keep", seen_revision=0)
@@ -202,13 +209,13 @@ def test_counts_are_read_from_tallies(session, dataset_row):
 
 def test_finding_frames_by_key_reads_few_rows(session, dataset_row):
     frames = FrameRepository(session)
-    (some,) = frames.page(FrameFilter(dataset_row.id), PageRequest("key", "", 0))
+    (some,) = frames.page(dataset_row.id, PageRequest("key", "", 0))
     keys = [f"{some.id + number:08d}" for number in range(50)]
 
     def read():
         for sort in ("key", "id"):
-            frames.page(FrameFilter(dataset_row.id), PageRequest(sort, None, PAGE))
-        frames.page(FrameFilter(dataset_row.id, keys[30]), PageRequest("key", "", PAGE))
+            frames.page(dataset_row.id, PageRequest(sort, None, PAGE))
+        frames.page(dataset_row.id, PageRequest("key", "", PAGE), keys[30])
         frames.next_frames(dataset_row.id, after=keys[3], limit=PAGE)
         frames.neighbours(some)
         assert len(key_rows(session, dataset_row.id, keys)) == 50
@@ -217,8 +224,6 @@ def test_finding_frames_by_key_reads_few_rows(session, dataset_row):
 
 
 def test_describing_a_box_by_id_reads_few_rows(session, dataset_row):
-    frame = FrameRepository(session).page(
-        FrameFilter(dataset_row.id), PageRequest("key", "", 1)
-    )[0]
+    frame = FrameRepository(session).page(dataset_row.id, PageRequest("key", "", 1))[0]
 
     check(session, lambda: describe_box(session, frame.first_box_id + 3), most=500)

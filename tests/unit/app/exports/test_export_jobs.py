@@ -11,7 +11,7 @@ from app.catalog.datasets import DatasetRepository
 from app.datasets.service import remove_dataset
 from app.db.tables import Export
 from app.engine.chunk import Job
-from app.exports.service import EXPORTS, ExportRequest, request_export
+from app.exports.service import EXPORTS, request_export
 from app.exports.writer import ExportFrames
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
@@ -22,6 +22,7 @@ from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.verdicts import VERDICTS
 from tests.support import frames as scene
 from tests.support.services import ANSWERED_AT, ServiceDataset
+from unghost.wire.runs import ExportIn
 
 
 @pytest.fixture
@@ -40,10 +41,10 @@ def fill(street):
 
 def request_unstarted_export(street):
     """Request an export that is not started by the service; returns its job."""
-    request = ExportRequest("yolo", {}, "ada")
+    request = ExportIn(format="yolo")
     with street.context.database.write() as session:
         dataset = street.row(session)
-        export = request_export(street.idle_context, session, dataset, request)
+        export = request_export(street.idle_context, session, dataset, request, "ada")
         return Job("export", export.id)
 
 

@@ -7,7 +7,7 @@ import pytest
 from app.db.tables import Chunk, Export, Run
 from app.engine.chunk import Job, JobStopped
 from app.errors import Conflict
-from app.exports.service import EXPORTS, ExportJobs, ExportRequest, request_export
+from app.exports.service import EXPORTS, ExportJobs, request_export
 from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.driver import drive_job
 from app.jobs.kind import register
@@ -19,6 +19,7 @@ from filter_core.errors import ConfigError
 from tests.support.leases import HOLDER_ELSEWHERE, ended_process, give_lease
 from tests.support.services import run_job
 from tests.support.waiting import until
+from unghost.wire.runs import ExportIn
 
 
 @pytest.fixture
@@ -37,9 +38,11 @@ def queued(street, kind):
     """Request a job that is not started by the service; returns it."""
     if kind == "run":
         return run_job(street.request({}))
-    request = ExportRequest("yolo", {}, "ada")
+    request = ExportIn(format="yolo")
     with street.context.database.write() as session:
-        row = request_export(street.idle_context, session, street.row(session), request)
+        row = request_export(
+            street.idle_context, session, street.row(session), request, "ada"
+        )
     return Job("export", row.id)
 
 

@@ -13,7 +13,6 @@ from app.jobs.driver import drive_job
 from app.measuring.columns import ColumnCache
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.flips import (
-    DiffPage,
     PreviewLimits,
     compared_runs,
     current_histogram,
@@ -129,7 +128,7 @@ def test_run_diff_computed_in_parts_is_equal_on_every_page(street, config):
         cursor = None
         while cursor is not None or not diffs:
             runs = compared_runs(session, second, first)
-            diffs.append(run_diff(context, session, runs, DiffPage(10, cursor)))
+            diffs.append(run_diff(context, session, runs, 10, cursor))
             cursor = diffs[-1].next_cursor
         return diffs
 
@@ -153,7 +152,7 @@ def test_classes_of_a_run_diff_keep_their_order_in_parts(services):
 
     def classes(context, session, _):
         runs = compared_runs(session, second, first)
-        return list(run_diff(context, session, runs, DiffPage(10, None)).by_class)
+        return list(run_diff(context, session, runs, 10).by_class)
 
     assert asked(street, 10**6, classes) == ["car", "truck"]
     assert asked(street, 1, classes) == ["car", "truck"]

@@ -6,7 +6,7 @@ from app.context import ServiceContext
 from app.db.tables import Measurement, Run
 from app.jobs.queries import job_with_id
 from app.measuring.plan import active_measurement, plan_of
-from app.runs.flips import DiffPage, run_diff
+from app.runs.flips import run_diff
 from filter_core.config.filter import FilterConfig
 from filter_core.verdicts import Reason
 from tests.support import frames as scene
@@ -45,7 +45,7 @@ def put(street, key):
 def diff(context: ServiceContext, run: Run, against: int):
     with context.database.read() as session:
         runs = job_with_id(session, Run, against), job_with_id(session, Run, run.id)
-        return run_diff(context, session, runs, DiffPage(10, None))
+        return run_diff(context, session, runs, 10)
 
 
 def test_numbers_of_version_1_stay_until_a_run_measures_again(services):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app.storage.base import export_of, leftovers, sha256_of, stored_files
+from app.storage.base import left_over, leftovers, sha256_of, stored_files
 from app.storage.durable import make_folder
 from app.storage.folder import FolderStorage
 
@@ -111,13 +111,14 @@ def test_a_file_that_is_put_again_is_not_removed_as_unused(tmp_path):
     storage.require([DIGEST])
 
 
-def test_export_of_returns_the_export_of_a_temporary_folder(tmp_path):
-    names = ("export-7", "export-7-0f3a", "export-77-0f3a")
+def test_files_of_exports_at_work_are_not_left_over(tmp_path):
+    storage = FolderStorage(tmp_path / "blobs")
+    for name in ("export-7", "export-7-0f3a", "export-77-0f3a"):
+        (storage.temporary_folder() / name).mkdir()
 
-    assert [export_of(tmp_path / name) for name in names] == [
-        *("export-7", "export-7"),
-        "export-77",
-    ]
+    left = left_over(storage, [7], until=float("inf"))
+
+    assert [path.name for path in left] == ["export-77-0f3a"]
 
 
 def test_stored_files_are_listed_apart_from_leftovers(tmp_path):
