@@ -287,7 +287,7 @@ class DecisionReader:
         self._session = session
         self._dataset = dataset
         self._digest = active_digest(session, dataset)
-        self._config = active_config(session, dataset)
+        self._config = active_config(session, dataset, self._digest)
         self._classes = DatasetRepository(session).classes(dataset.id)
 
     def read_boxes(self, box_ids: Sequence[int]) -> StoredBoxes:

@@ -157,9 +157,11 @@ def active_digest(session: Session, dataset: Dataset) -> str:
     return ConfigRepository(session).digest(filled(dataset.active_config_id))
 
 
-def active_config(session: Session, dataset: Dataset) -> FilterConfig:
-    """The configuration by which current verdicts were decided."""
-    config = _PARSED.get(active_digest(session, dataset))
+def active_config(
+    session: Session, dataset: Dataset, digest: str | None = None
+) -> FilterConfig:
+    """The configuration by which current verdicts were decided; read by its digest."""
+    config = _PARSED.get(digest or active_digest(session, dataset))
     return config_of(active_version(session, dataset)) if config is None else config
 
 
