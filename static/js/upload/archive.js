@@ -107,8 +107,8 @@ function evenly(list, count) {
   return Array.from({ length: count }, (_, at) => /** @type {T} */ (list[Math.round(at * step)]));
 }
 
-/** How often the progress is told. */
-export const TELL_EVERY = 100;
+/** So many files of a drop are read as one, which takes half the time of reading each. */
+const READ_AS_ONE = 64;
 
 /**
  * Parts of a tar: all files but the description, and the dropped description, if there is one.
@@ -130,13 +130,32 @@ export async function pack(entries, top, signal, tell) {
     return most > 0 ? [{ at, entry, most }] : [];
   });
   let done = 0;
-  await forEachOf(needed, signal, async ({ at, entry, most }) => {
-    members[at] = memberOf(entry.path, await contentOf(entry, most));
-    if (++done % TELL_EVERY === 0) tell(done, needed.length);
+  const groups = Array.from({ length: Math.ceil(needed.length / READ_AS_ONE) }, (_, at) =>
+    needed.slice(at * READ_AS_ONE, (at + 1) * READ_AS_ONE),
+  );
+  await forEachOf(groups, signal, async (group) => {
+    const contents = await contentsOf(group);
+    for (const [place, { at, entry }] of group.entries())
+      members[at] = memberOf(entry.path, contents[place] ?? new Uint8Array());
+    tell((done += group.length), needed.length);
   });
   const place = entries.findIndex(({ path }) => path === name);
   const description = place < 0 ? [] : members.splice(place, 1).flat();
   return { files: new Blob([...inPieces(members.flat())]), description: new Blob(description) };
+}
+
+/**
+ * The first bytes of each file, so many at most.
+ * @param {readonly {entry: Entry, most: number}[]} group
+ */
+async function contentsOf(group) {
+  const files = await Promise.all(group.map(({ entry }) => opened(entry)));
+  const parts = files.map((file, at) => file.slice(0, Math.min(file.size, group[at]?.most ?? 0)));
+  const together = await new Blob(parts).arrayBuffer().catch(() => null);
+  // One of them cannot be read: which one, its own reading says.
+  if (together === null) return Promise.all(group.map(({ entry, most }) => contentOf(entry, most)));
+  let end = 0;
+  return parts.map(({ size }) => new Uint8Array(together, (end += size) - size, size));
 }
 
 /** @typedef {ReadonlyMap<Entry, number>} Sizes  in bytes */

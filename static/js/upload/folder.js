@@ -3,7 +3,7 @@
 // understands them. No DOM.
 
 import { ask } from "../core/api.js";
-import { TELL_EVERY, archiveOf } from "./archive.js";
+import { archiveOf } from "./archive.js";
 import { createPauses } from "./uploader.js";
 
 /** @typedef {import("../core/openapi.js").FolderHead} FolderHead */
@@ -56,6 +56,9 @@ import { createPauses } from "./uploader.js";
  */
 export const visibleEntries = (entries) =>
   entries.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".") || part === "__MACOSX"));
+
+/** How often the progress is told. */
+const TELL_EVERY = 100;
 
 /** The name of the one folder that holds everything, or "". @param {readonly Entry[]} entries */
 export function topOf(entries) {

@@ -74,7 +74,7 @@ test("collecting labels reports how many are done, and can be aborted", async ()
   await pack(entriesOf({ ...files, "a.bin": "" }), "", never, (...counts) => told.push(counts));
   stop.abort();
 
-  assert.deepEqual(told, [[100, 250], [200, 250]]);
+  assert.deepEqual([told.length, told.at(-1)], [4, [250, 250]]);
   await assert.rejects(pack(entriesOf(files), "", stop.signal, silent), { name: "AbortError" });
 });
 
