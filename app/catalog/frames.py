@@ -28,7 +28,7 @@ class ProblemRepository(Repository):
     """Rows of `problems`."""
 
     def forget(self, dataset_id: int, key: str) -> None:
-        """Delete the problem of a frame that was stored after all."""
+        """Delete the problem of a frame: it was stored or deleted, or has another."""
         run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
 
     def count(self, dataset_id: int) -> int:

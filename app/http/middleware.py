@@ -306,7 +306,7 @@ class BodyAllowance:
     def count_in(self, held: HeldBytes, *, is_streamed: bool) -> None:
         """Count the whole announced body as held, unless it is streamed.
 
-        Raises TooManyRequests, NotReady: a limit on the memory for bodies is reached.
+        Raises NotReady: the limit on the memory for bodies is reached.
         """
         self.held, self.is_streamed = held, is_streamed
         self.hold(0)

@@ -15,7 +15,7 @@ from typing import Final
 
 ENTRY: Final = "js/main.js"
 FIRST: Final = "first.js"
-"""The pack that starts the page, with the views in which boxes are answered."""
+"""The pack that starts the page: the way to the first answer (`_FIRST_VIEWS`)."""
 LATER: Final = "later.js"
 """The pack of all other modules, fetched when a view needs one of them."""
 _OWN: Final = "js/"

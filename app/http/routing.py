@@ -1,7 +1,8 @@
 """The router of all routes: what it checks of a request before it calls the endpoint.
 
 Before a body is read, it checks the caller's role, the size of the body, the query
-parameters and the media type. Then the request waits until its token has a free place.
+parameters and the media type. Once the body is there, the request waits until its
+token has a free place; uploads read it then.
 A POST with an Idempotency-Key is passed on to `app.http.transaction`, where the
 transaction of a route that writes is described.
 """

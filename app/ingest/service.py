@@ -80,7 +80,7 @@ def prepare_frame(
     upload: UploadedFrame,
     cancelled: threading.Event | None = None,
 ) -> PreparedFrame:
-    """Check and measure one frame and write its files; no transaction is open.
+    """Check and measure one frame and write its files, outside any transaction.
 
     A ReadyFrame is to be passed to `store_frames`, as a RefusedFrame is; otherwise its
     drafts have to be passed to `storage.discard`. A StoredFrame is in the dataset

@@ -119,9 +119,10 @@ class RandomSample:
         )
 
     def plan(self) -> Plan | None:
-        """How many random answers would tell, or would tell more; None if none would.
+        """How many boxes the sample needs in all for narrower intervals.
 
-        For intervals of `WIDEST`, or of `NARROW` if they are as narrow as that already.
+        Those are of `WIDEST`, or of `NARROW` if they are as narrow as that already;
+        None if no more answers are needed.
         """
         strata = self._strata()
         now = estimate(strata).half_width

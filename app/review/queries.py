@@ -412,7 +412,7 @@ class ReviewRepository(Repository):
         return self._session.execute(rows)
 
     def answers_in_force(self, box_ids: Iterable[int]) -> list[tuple[int, str]]:
-        """Each box and person with an answer that they did not undo, by box.
+        """Each box with each person whose last answer on it stands, by box.
 
         The last such answer of each person on a box counts, regardless of later answers
         by others, unless it removed their answer (`clear`). Answers on the same box in
@@ -438,7 +438,7 @@ _AnswerRow: TypeAlias = "Row[int, int, str, str, int | None, int | None]"
 def _without_undone(
     answers: Iterable[_AnswerRow],
 ) -> Iterator[tuple[int, str, str, int | None]]:
-    """The answers that their author did not undo: box, author, verdict, origin.
+    """The answers that no later row undoes: box, author, verdict, origin.
 
     `answers` are those of some boxes as `ReviewRepository._of_boxes` gives them: an
     undo comes before the answer that it undoes. The origin of an answer that was

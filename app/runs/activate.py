@@ -1,4 +1,7 @@
-"""The final step of a run: one transaction that stores all changes and activates them.
+"""The final step of a run: one transaction that decides all boxes, and stores changes.
+
+The boxes that get another reason are stored (`flips`); with `activate`, their new
+decisions are, too.
 
 Because it is one transaction, nobody ever sees half of a dataset decided. If its
 process dies, nothing of it is stored, and the next driver begins it anew. It is a
@@ -120,7 +123,10 @@ def refresh_doubt(context: ServiceContext) -> None:
 
 
 class Activation:
-    """Counts the changes of a run part by part, in memory of a constant size."""
+    """Stores the changes of a run part by part, in memory of a constant size.
+
+    It counts them, and writes decisions only if the run is to be activated.
+    """
 
     def __init__(self, session: Session, run: Run, progress: _Progress) -> None:
         self._session, self._run, self._progress = session, run, progress

@@ -5,9 +5,9 @@ To add a key, add a field to the class that fits:
 `ClassKeys`
     A number that single classes can override. Most thresholds belong here.
 `OnlyClassKeys`
-    What only a class has: its accepted tags.
+    What only a class has: its accepted tags, and what it is measured as.
 `DecidingKeys`
-    Anything else that verdicts depend on once everything is measured.
+    Anything else that verdicts and the doubt about them depend on.
 `ReadingKeys`
     How images are read and 3D boxes projected.
 
@@ -171,7 +171,7 @@ class OnlyClassKeys:
 
 @dataclass(frozen=True, kw_only=True)
 class DecidingKeys:
-    """The keys that `decide` reads and that no class overrides.
+    """The keys that `decide` and `doubts` read and that no class overrides.
 
     A change of those with `needs_pixels` also changes what is measured, so that images
     may have to be read again.

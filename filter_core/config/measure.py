@@ -1,4 +1,4 @@
-"""`MeasureConfig`: the settings on which measured numbers depend, but no verdict alone.
+"""`MeasureConfig`: the settings on which measured numbers depend, without thresholds.
 
 `FilterConfig.measuring` makes a `MeasureConfig`. It is identified by its digest: with
 equal digests, the same frame gives equal numbers. Digests and `as_dict` are stored

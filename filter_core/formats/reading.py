@@ -57,7 +57,7 @@ NOTES_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".n
 
 TEXT_SUFFIXES: Final = (*NOTES_SUFFIXES, ".csv", ".tsv", ".npz", GZIP)
 """Files of labels that some reader opens. The page has these, too (`TEXT` in
-folder.js)."""
+archive.js)."""
 
 
 class GivenAnswer(NamedTuple):

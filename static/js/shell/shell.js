@@ -22,7 +22,8 @@ import { TopBar, hasTabs } from "./topbar.js";
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
 /**
- * The views that are part of the first load; the others are loaded when they are opened.
+ * The views that are ready at once; the others are imported when they are opened, from the script that is there already
+ * or from the later one.
  * @type {Record<string, View>}
  */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
