@@ -60,9 +60,9 @@ class EngineAddress(NamedTuple):
     @classmethod
     def parse(cls, text: str) -> EngineAddress:
         """The parts of an address; ValueError names the expected form."""
-        scheme, found, place = text.partition("://")
+        scheme, separator, place = text.partition("://")
         host, _, port = place.rpartition(":")
-        if not found or scheme not in ("tls", "tcp") or not host:
+        if not separator or scheme not in ("tls", "tcp") or not host:
             raise ValueError(f"{text!r} is not an engine; expected {_ENGINE_FORM}")
         if not port.isdigit() or int(port) > 65535:
             raise ValueError(f"{text!r} has no port; expected {_ENGINE_FORM}")
@@ -132,8 +132,8 @@ def checked_storage(text: str) -> str:
 
 def bucket_of(storage: str) -> Bucket | None:
     """The bucket that files are stored in; None for the data folder."""
-    found = _BUCKET.fullmatch(storage)
-    return found and Bucket(found["name"], found["prefix"].strip("/"))
+    match = _BUCKET.fullmatch(storage)
+    return match and Bucket(match["name"], match["prefix"].strip("/"))
 
 
 def checked_endpoint(text: str, *, plain: bool) -> str:

@@ -39,11 +39,11 @@ class ServiceContext:
 
         It lets a feature keep a cache or a counter here without a field of its own.
         """
-        found = self.owned.get(kind)
-        if found is None:
+        instance = self.owned.get(kind)
+        if instance is None:
             with _MAKING:
-                found = self.owned.setdefault(kind, kind())
-        return cast(Kind, found)
+                instance = self.owned.setdefault(kind, kind())
+        return cast(Kind, instance)
 
     def keep(self, made: object) -> None:
         """Let `one` return this object for its class, if that needs arguments."""

@@ -336,7 +336,7 @@ def forget_frames(error: BaseException) -> None:
     """
     left: list[BaseException | None] = [error]
     while left:
-        one = left.pop()
-        if one is not None and one.__traceback__ is not None:
-            one.__traceback__ = None
-            left += [one.__cause__, one.__context__]
+        cause = left.pop()
+        if cause is not None and cause.__traceback__ is not None:
+            cause.__traceback__ = None
+            left += [cause.__cause__, cause.__context__]

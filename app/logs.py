@@ -42,7 +42,7 @@ def logged_with(request_id: str) -> Iterator[None]:
 
 def one_line(text: str) -> str:
     """The text with all control characters escaped: a record stays on one line."""
-    return _CONTROL.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
+    return _CONTROL.sub(lambda match: f"\\u{ord(match.group()):04x}", text)
 
 
 def sanitised(text: str) -> str:

@@ -63,8 +63,8 @@ def _allocator(name: str) -> Callable[..., int] | None:
     """A function of glibc's allocator; None with other C libraries."""
     if sys.platform != "linux":
         return None
-    found: Callable[..., int] | None = getattr(ctypes.CDLL(None), name, None)
-    return found
+    function: Callable[..., int] | None = getattr(ctypes.CDLL(None), name, None)
+    return function
 
 
 def settle() -> None:

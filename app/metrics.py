@@ -123,8 +123,8 @@ class RequestMetrics:
         self, method: str, route: str | None, status: int, seconds: float
     ) -> None:
         """Count one response, by the pattern of its route and never by its path."""
-        known = method if method in _METHODS else UNKNOWN
-        key = (known, route or UNKNOWN, str(status))
+        known_method = method if method in _METHODS else UNKNOWN
+        key = (known_method, route or UNKNOWN, str(status))
         self._requests.labels(*key).inc()
         self._seconds.labels(*key).observe(seconds)
 

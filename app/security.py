@@ -58,9 +58,9 @@ def hash_secret(secret: str) -> str:
     return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def same_hash(one: str, other: str) -> bool:
+def same_hash(digest: str, other: str) -> bool:
     """Whether two hashes are equal, compared in constant time."""
-    return hmac.compare_digest(one, other)
+    return hmac.compare_digest(digest, other)
 
 
 def bearer_token(authorization: str) -> str | None:

@@ -94,11 +94,11 @@ BIN: Final = case(
 """The bin of a current decision in SQL; `filter_core.decisions.doubt` defines it."""
 
 
-def in_bin(wanted: Bin) -> ColumnElement[bool]:
+def in_bin(bin_: Bin) -> ColumnElement[bool]:
     """SQL condition: a current decision is in this bin."""
-    if wanted is Bin.ASK:
+    if bin_ is Bin.ASK:
         return Decision.doubt > int(Bin.SURE)
-    return Decision.doubt == int(wanted)
+    return Decision.doubt == int(bin_)
 
 
 class ReviewState(NamedTuple):

@@ -26,11 +26,11 @@ audit_router = ApiRouter(prefix="/api/v1", tag="audit")
 
 
 @audit_router.get("/audit", response_model=Page[wire.AuditEntry])
-def list_audit(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
+def list_audit(caller: Admin, query: Newest, session: ReadSession) -> Response:
     """The audit log: who changed tokens, data, configurations, jobs or many answers."""
-    entries = AuditRepository(session).page(wanted.page)
+    entries = AuditRepository(session).page(query.page)
     describe = partial(wire.AuditEntry.model_validate, from_attributes=True)
-    return wanted.response(entries, describe)
+    return query.response(entries, describe)
 
 
 login_router = OpenRouter(prefix="/api/v1", tag="session")

@@ -27,37 +27,39 @@ from filter_core.verdicts import Reason, Verdict
 
 
 def count_boxes(
-    context: ServiceContext, session: Session, dataset: Dataset, wanted: BoxFilter
+    context: ServiceContext, session: Session, dataset: Dataset, box_filter: BoxFilter
 ) -> int:
     """The exact number of boxes of a filter."""
-    tallies = TallyRepository(session).of_dataset(wanted.dataset_id)
-    upper_bound = count_in_tallies(tallies, wanted)
-    if not wanted.is_beyond_tallies or not upper_bound:
+    tallies = TallyRepository(session).of_dataset(box_filter.dataset_id)
+    upper_bound = count_in_tallies(tallies, box_filter)
+    if not box_filter.is_beyond_tallies or not upper_bound:
         return upper_bound
     by_numbers = (
-        wanted.effective is None and wanted.conflict is None and not wanted.has_places
+        box_filter.effective is None
+        and box_filter.conflict is None
+        and not box_filter.has_places
     )
     held = by_numbers and context.one(ColumnCache).fits(session, dataset.id)
     # Answered boxes are few, and are counted by their index. If the filter selects all
-    others = REVIEW_STATES[wanted.review].others if wanted.review else None
-    if not held or (wanted.review and others is None):
-        return BoxProbes(session).count(wanted)
+    others = REVIEW_STATES[box_filter.review].others if box_filter.review else None
+    if not held or (box_filter.review and others is None):
+        return BoxProbes(session).count(box_filter)
     measurement = active_measurement(session, dataset)
     numbers = context.one(ColumnCache).load(session, dataset.id, measurement.id)
     config = active_config(session, dataset)
-    unreviewed = replace(wanted, review="")
+    unreviewed = replace(box_filter, review="")
     whole = numbers.counted(
         (config.digest, unreviewed),
         lambda: int(np.count_nonzero(selected(numbers, config, unreviewed))),
     )
     if others is None:
         return whole
-    return whole - BoxProbes(session).count(replace(wanted, review=others))
+    return whole - BoxProbes(session).count(replace(box_filter, review=others))
 
 
-def count_in_tallies(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
+def count_in_tallies(tallies: Mapping[TallyKey, int], box_filter: BoxFilter) -> int:
     """How many boxes the filter selects, ignoring its ranges: an upper bound."""
-    return sum(boxes for key, boxes in tallies.items() if wanted.selects(key))
+    return sum(boxes for key, boxes in tallies.items() if box_filter.selects(key))
 
 
 def _no_verdicts() -> dict[str, int]:
@@ -78,7 +80,9 @@ class Counts:
     unsure: int = 0
     conflicts: int = 0
     toss_ups: int = 0
-    bins: dict[str, int] = field(default_factory=lambda: {one.label: 0 for one in Bin})
+    bins: dict[str, int] = field(
+        default_factory=lambda: {bin_.label: 0 for bin_ in Bin}
+    )
     """Boxes without a keep or reject, by their bin; those to ask are `to_review`."""
 
 
@@ -119,8 +123,8 @@ def tallies_of(
     rows: Iterable[tuple[int, int, bool, int, str | None]],
 ) -> dict[TallyKey, int]:
     """Tallies of single boxes: class, reason, toss-up, doubt and review of each."""
-    found: dict[TallyKey, int] = {}
+    tallies: dict[TallyKey, int] = {}
     for class_id, reason, toss_up, doubt, review in rows:
         key = TallyKey(class_id, reason, toss_up, min(doubt, Bin.ASK), review or "")
-        found[key] = found.get(key, 0) + 1
-    return found
+        tallies[key] = tallies.get(key, 0) + 1
+    return tallies

@@ -232,14 +232,14 @@ def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -
 def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:
     """The columns of `decisions` by which lists sort and filter, from the evidence."""
     low, high = evidence.distance_bounds()
-    known = evidence.distance == evidence.distance
+    is_known = evidence.distance == evidence.distance
     return {
         "match_percent": floats_or_none(evidence.match_percent),
         # Never NaN: it is computed from the rectangles, and 0 for one without area.
         "crowding": evidence.crowding.tolist(),
         "distance": floats_or_none(evidence.distance),
-        "distance_from": floats_or_none(np.where(known, np.nan, low)),
-        "distance_to": floats_or_none(np.where(known, np.nan, high)),
+        "distance_from": floats_or_none(np.where(is_known, np.nan, low)),
+        "distance_to": floats_or_none(np.where(is_known, np.nan, high)),
     }
 
 
@@ -288,10 +288,10 @@ class DecisionRepository(Repository):
         """The tallies of each frame: how many of its boxes share the same values."""
         alike = (Decision.frame_id, *_ALIKE, func.coalesce(Decision.review, ""))
         rows = select(*alike, func.count()).group_by(*alike)
-        found: dict[int, dict[TallyKey, int]] = {key: {} for key in frame_ids}
+        tallies: dict[int, dict[TallyKey, int]] = {key: {} for key in frame_ids}
         for row in self._session.execute(rows.where(Decision.frame_id.in_(frame_ids))):
-            found[row[0]][TallyKey._make(row[1:-1])] = row[-1]
-        return found
+            tallies[row[0]][TallyKey._make(row[1:-1])] = row[-1]
+        return tallies
 
     def reviewed(self, dataset_id: int) -> list[tuple[int, str]]:
         """Box and answer of every reviewed box of a dataset, in order of id."""

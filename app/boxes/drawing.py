@@ -242,13 +242,13 @@ class Drawing:
 
 def make_room_for_pictures(folder: Path, most_bytes: int = STORED_BYTES) -> None:
     """Delete the oldest of the kept pictures until they have at most so many bytes."""
-    found = sorted(
+    pictures = sorted(
         (state.st_mtime_ns, state.st_size, path)
         for path in folder.glob("??/*")
         for state in [path.stat()]
     )
-    left = sum(size for _, size, _ in found)
-    for _, size, path in found:
+    left = sum(size for _, size, _ in pictures)
+    for _, size, path in pictures:
         if left <= most_bytes:
             return
         path.unlink(missing_ok=True)

@@ -95,7 +95,7 @@ def class_thresholds(
     """The thresholds of the classes, given by their names with their ids."""
     limits = config.limits_by_class(list(classes))
     deciding = deciding_thresholds(limits)
-    found = []
+    thresholds = []
     for row, class_id in enumerate(classes.values()):
         sides = [
             Side(
@@ -111,8 +111,8 @@ def class_thresholds(
         if config.channels:
             if_by_channel = float(limits.threshold_small_box[row])
             sides.append(Side(Reason.VISIBLE, False, if_by_channel, -1))
-        found.append(ClassThresholds(class_id, tuple(sides), if_by_channel))
-    return tuple(found)
+        thresholds.append(ClassThresholds(class_id, tuple(sides), if_by_channel))
+    return tuple(thresholds)
 
 
 @dataclass(frozen=True)
@@ -154,23 +154,25 @@ class BoxFilter:
         return [Decision.dataset_id + 0 == self.dataset_id, *self._conditions()]
 
     def _conditions(self) -> list[ColumnElement[bool]]:
-        found = [] if self.bin is None else [in_bin(self.bin)]
+        conditions = [] if self.bin is None else [in_bin(self.bin)]
         if self.reasons:
-            found.append(Decision.reason.in_(self.reasons))
+            conditions.append(Decision.reason.in_(self.reasons))
         if self.class_ids is not None:
-            found.append(Decision.class_id.in_(self.class_ids))
+            conditions.append(Decision.class_id.in_(self.class_ids))
         if self.review:
-            found.append(REVIEW_STATES[self.review].condition())
+            conditions.append(REVIEW_STATES[self.review].condition())
         if self.effective is not None:
-            found.append(is_effective(self.effective))
+            conditions.append(is_effective(self.effective))
         if self.toss_up is not None:
-            found.append(Decision.toss_up.is_(self.toss_up))
+            conditions.append(Decision.toss_up.is_(self.toss_up))
         if self.conflict is not None:
-            found.append(is_in_conflict() if self.conflict else is_not_in_conflict())
+            conditions.append(
+                is_in_conflict() if self.conflict else is_not_in_conflict()
+            )
         if self.not_by:
             own = (Review.box_id == Decision.box_id) & (Review.reviewer == self.not_by)
-            found.append(~exists().where(own, Review.undoes.is_(None)))
-        return found + self._ranges()
+            conditions.append(~exists().where(own, Review.undoes.is_(None)))
+        return conditions + self._ranges()
 
     def frame_conditions(self) -> list[ColumnElement[bool]]:
         """The frames that can have such boxes, as SQL: newest revisions alone."""
@@ -226,43 +228,43 @@ class BoxFilter:
         return "" not in answers or self.conflict is True
 
     def _ranges(self) -> list[ColumnElement[bool]]:
-        found: list[ColumnElement[bool]] = []
+        conditions: list[ColumnElement[bool]] = []
         if self.has_places:
             frames = select(Frame.id).where(*self.frame_conditions())
-            found.append(Decision.frame_id.in_(frames))
+            conditions.append(Decision.frame_id.in_(frames))
         if self.has_match_range:
-            found.append(Decision.reason.not_in(_WITHOUT_MATCH))
+            conditions.append(Decision.reason.not_in(_WITHOUT_MATCH))
         if self.match_min is not None:
-            found.append(Decision.match_percent >= self.match_min)
+            conditions.append(Decision.match_percent >= self.match_min)
         if self.match_max is not None:
-            found.append(Decision.match_percent <= self.match_max)
+            conditions.append(Decision.match_percent <= self.match_max)
         if self.distance_min is not None:
             nearest = func.coalesce(Decision.distance, Decision.distance_from)
-            found.append(nearest >= self.distance_min)
+            conditions.append(nearest >= self.distance_min)
         if self.distance_max is not None:
             farthest = func.coalesce(Decision.distance, Decision.distance_to)
-            found.append(farthest <= self.distance_max)
+            conditions.append(farthest <= self.distance_max)
         if self.margin_max is not None:
-            found.append(is_near(self.thresholds, self.margin_max))
-        return found
+            conditions.append(is_near(self.thresholds, self.margin_max))
+        return conditions
 
 
-def filters_of(wanted: BoxSelection) -> dict[str, object]:
+def filters_of(selection: BoxSelection) -> dict[str, object]:
     """The filters that a request sets, by name, without its other parameters."""
     names = set(BoxSelection.model_fields)
-    return wanted.model_dump(include=names, exclude_none=True)
+    return selection.model_dump(include=names, exclude_none=True)
 
 
-def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFilter:
+def to_filter(session: Session, dataset: Dataset, selection: BoxSelection) -> BoxFilter:
     """The filter; BadRequest names a value that is not known."""
-    if wanted.review and wanted.review not in REVIEW_STATES:
+    if selection.review and selection.review not in REVIEW_STATES:
         raise BadRequest(
             f"review: expected one of {', '.join(REVIEW_STATES)}, "
-            f"found {wanted.review!r}",
+            f"found {selection.review!r}",
             code="unknown_review",
         )
     classes = DatasetRepository(session).classes(dataset.id)
-    name = wanted.class_name
+    name = selection.class_name
     class_ids: tuple[int, ...] | None = None
     if name in classes:
         class_ids = (classes[name],)  # its name may have a comma
@@ -270,14 +272,14 @@ def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFi
         class_ids = tuple(classes[part] for part in name.split(",") if part in classes)
     config = active_config(session, dataset)
     names = {field.name for field in fields(BoxFilter)}
-    same = wanted.model_dump(include=names - {"review", "effective", "bin"})
+    same = selection.model_dump(include=names - {"review", "effective", "bin"})
     return BoxFilter(
         dataset_id=dataset.id,
-        reasons=_reasons(wanted),
+        reasons=_reasons(selection),
         class_ids=class_ids,
-        review=wanted.review or "",
-        effective=Verdict(wanted.effective) if wanted.effective else None,
-        bin=None if wanted.bin is None else BIN_NAMED[wanted.bin],
+        review=selection.review or "",
+        effective=Verdict(selection.effective) if selection.effective else None,
+        bin=None if selection.bin is None else BIN_NAMED[selection.bin],
         thresholds=class_thresholds(config, classes),
         **same,
     )
@@ -314,7 +316,7 @@ def thresholds_in_sql(
         for side in of_class.sides:
             by_class = numbers.setdefault((side.reason, side.large), {})
             by_class[of_class.class_id] = side.threshold
-    found = []
+    pairs = []
     for (reason, large), by_class in numbers.items():
         which = and_(Decision.reason == int(reason), Decision.large.is_(large))
         ((usual, _),) = Counter(by_class.values()).most_common(1)
@@ -322,8 +324,8 @@ def thresholds_in_sql(
         threshold: ColumnElement[float] = literal(usual)
         if others:
             threshold = case(others, value=Decision.class_id, else_=usual)
-        found.append((which, threshold))
-    return found
+        pairs.append((which, threshold))
+    return pairs
 
 
 class BoxProbes(Repository):
@@ -332,7 +334,7 @@ class BoxProbes(Repository):
     def span(self, dataset_id: int, class_ids: Iterable[int]) -> tuple[int, int] | None:
         """The lowest and the highest id of a dataset's boxes; None without boxes."""
         # Two lookups in the index for each class. SQLite allows 500 in one statement.
-        found: list[int] = []
+        box_ids: list[int] = []
         for together in chunks(sorted(class_ids), most=100):
             ends = [
                 select(end(Decision.box_id)).where(
@@ -342,43 +344,43 @@ class BoxProbes(Repository):
                 for end in (func.min, func.max)
             ]
             rows: Iterable[int | None] = self._session.scalars(union_all(*ends))
-            found += [box_id for box_id in rows if box_id is not None]
-        return (min(found), max(found)) if found else None
+            box_ids += [box_id for box_id in rows if box_id is not None]
+        return (min(box_ids), max(box_ids)) if box_ids else None
 
     def newest_id(self) -> int:
         """The id of the newest box of all datasets; 0 if there is none."""
         return self._session.scalar(select(func.max(Box.id))) or 0
 
-    def count(self, wanted: BoxFilter) -> int:
+    def count(self, box_filter: BoxFilter) -> int:
         """How many boxes the filter selects, counted by the database."""
         rows = select(func.count()).select_from(Decision)
-        return self._session.scalar(rows.where(*wanted.conditions())) or 0
+        return self._session.scalar(rows.where(*box_filter.conditions())) or 0
 
-    def selected(self, wanted: BoxFilter, box_ids: Sequence[int]) -> list[int]:
+    def selected(self, box_filter: BoxFilter, box_ids: Sequence[int]) -> list[int]:
         """Which of the given boxes the filter selects, in the order given."""
-        conditions = wanted.conditions_by_id()
-        found: set[int] = set()
+        conditions = box_filter.conditions_by_id()
+        selected_ids: set[int] = set()
         for chunk in chunks(box_ids):
             is_given = Decision.box_id.in_(chunk)
             rows = select(Decision.box_id).where(is_given, *conditions)
-            found.update(self._session.scalars(rows))
-        return [box_id for box_id in box_ids if box_id in found]
+            selected_ids.update(self._session.scalars(rows))
+        return [box_id for box_id in box_ids if box_id in selected_ids]
 
-    def every(self, wanted: BoxFilter) -> IntArray:
+    def every(self, box_filter: BoxFilter) -> IntArray:
         """All boxes of the filter, in no order."""
-        rows = select(Decision.box_id).where(*wanted.conditions())
+        rows = select(Decision.box_id).where(*box_filter.conditions())
         return np.fromiter(self._session.scalars(rows), np.int64)
 
 
-def _reasons(wanted: BoxSelection) -> tuple[int, ...]:
+def _reasons(selection: BoxSelection) -> tuple[int, ...]:
     chosen = set(map(int, Reason))
-    if wanted.verdict:
-        chosen &= set(reasons_of(Verdict(wanted.verdict)))
-    if wanted.reason:
+    if selection.verdict:
+        chosen &= set(reasons_of(Verdict(selection.verdict)))
+    if selection.reason:
         try:
             chosen &= {
                 int(reason)
-                for name in wanted.reason.split(",")
+                for name in selection.reason.split(",")
                 for reason in Reason.with_label(name)
             }
         except ValueError as error:
@@ -390,7 +392,7 @@ def _reasons(wanted: BoxSelection) -> tuple[int, ...]:
 
 
 def selected(
-    numbers: DatasetColumns, config: FilterConfig, wanted: BoxFilter
+    numbers: DatasetColumns, config: FilterConfig, box_filter: BoxFilter
 ) -> BoolArray:
     """Which boxes the filter selects, as in SQL; filters by answers are not applied.
 
@@ -398,38 +400,42 @@ def selected(
     """
     decisions = numbers.decided(config)
     chosen = np.ones(len(numbers), np.bool_)
-    if wanted.reasons:
-        chosen &= np.isin(decisions.reason, wanted.reasons)
-    if wanted.class_ids is not None:
-        chosen &= np.isin(numbers.class_ids, wanted.class_ids)
-    if wanted.toss_up is not None:
-        chosen &= decisions.toss_up == wanted.toss_up
-    if wanted.bin is not None:
-        chosen &= bins_of(numbers.doubt(config)) == wanted.bin
-    return chosen & _in_ranges(numbers, decisions, wanted)
+    if box_filter.reasons:
+        chosen &= np.isin(decisions.reason, box_filter.reasons)
+    if box_filter.class_ids is not None:
+        chosen &= np.isin(numbers.class_ids, box_filter.class_ids)
+    if box_filter.toss_up is not None:
+        chosen &= decisions.toss_up == box_filter.toss_up
+    if box_filter.bin is not None:
+        chosen &= bins_of(numbers.doubt(config)) == box_filter.bin
+    return chosen & _in_ranges(numbers, decisions, box_filter)
 
 
 def _in_ranges(
-    numbers: DatasetColumns, decisions: Decisions, wanted: BoxFilter
+    numbers: DatasetColumns, decisions: Decisions, box_filter: BoxFilter
 ) -> BoolArray:
     """Which boxes are in the filter's ranges of numbers."""
     match = numbers.evidence.match_percent
     nearest, farthest = numbers.evidence.distance_bounds()
     chosen = np.ones(len(numbers), np.bool_)
-    if wanted.margin_max is not None:
+    if box_filter.margin_max is not None:
         # Of boxes that channels kept, the threshold of small boxes. None becomes NaN.
         threshold = decisions.threshold.copy()
         by_channel = np.isnan(threshold) & (decisions.reason == Reason.VISIBLE)
-        by_class = {each.class_id: each.if_by_channel for each in wanted.thresholds}
+        by_class = {each.class_id: each.if_by_channel for each in box_filter.thresholds}
         class_ids = numbers.class_ids[by_channel].tolist()
         threshold[by_channel] = [by_class.get(class_id) for class_id in class_ids]
-        chosen &= match >= threshold - wanted.margin_max
-        chosen &= match <= threshold + wanted.margin_max
+        chosen &= match >= threshold - box_filter.margin_max
+        chosen &= match <= threshold + box_filter.margin_max
     has_no_match = np.isin(decisions.reason, _WITHOUT_MATCH)
     for column, low, high in (
-        (np.where(has_no_match, np.nan, match), wanted.match_min, wanted.match_max),
-        (nearest, wanted.distance_min, None),
-        (farthest, None, wanted.distance_max),
+        (
+            np.where(has_no_match, np.nan, match),
+            box_filter.match_min,
+            box_filter.match_max,
+        ),
+        (nearest, box_filter.distance_min, None),
+        (farthest, None, box_filter.distance_max),
     ):
         if low is not None:
             chosen &= column >= low

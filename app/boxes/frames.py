@@ -270,9 +270,9 @@ class FramePictures:
 
         return Drawing(f"{digest}-{width}", WEBP, draw, is_lasting=True)
 
-    def crop(self, xyxy: Sequence[float], wanted: CropQuery) -> Drawing:
+    def crop(self, xyxy: Sequence[float], query: CropQuery) -> Drawing:
         """The part of a layer around a rectangle; raises NotFound."""
-        layer, size = wanted.layer, (wanted.pad, wanted.height, wanted.least)
+        layer, size = query.layer, (query.pad, query.height, query.least)
         self._require(layer)
 
         def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
@@ -360,25 +360,25 @@ def frame_pictures(
 
 
 def crop_of(
-    storage: BlobStore, session: Session, box_id: int, wanted: CropQuery
+    storage: BlobStore, session: Session, box_id: int, query: CropQuery
 ) -> Drawing:
     """The part of a frame around a box; NotFound if the box is outside of the image."""
     _, boxes = read_box(session, box_id)
     pictures = frame_pictures(storage, session, boxes.rows.frame_ids[0])
     (xyxy,) = boxes.rectangles()
     xyxy = existing(xyxy, "rectangle in the image of box", box_id)
-    return pictures.crop(xyxy, wanted)
+    return pictures.crop(xyxy, query)
 
 
 def crops_of(
-    storage: BlobStore, session: Session, wanted: CropsQuery, folder: Path
+    storage: BlobStore, session: Session, crops: CropsQuery, folder: Path
 ) -> Drawing:
     """Crops around several boxes, as a tar: an empty file where there is no picture.
 
     Those that cannot be drawn are missing. `folder` has the pictures that are kept.
     """
     drawings: dict[str, Drawing | None] = {}
-    for words, (box_id, query) in wanted.parts().items():
+    for words, (box_id, query) in crops.parts().items():
         drawings[words] = None
         with suppress(NotFound):
             drawings[words] = crop_of(storage, session, box_id, query)
@@ -420,13 +420,13 @@ def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSli
 
 
 def overlay_of(
-    storage: BlobStore, session: Session, frame_id: int, wanted: OverlayQuery
+    storage: BlobStore, session: Session, frame_id: int, query: OverlayQuery
 ) -> Drawing:
     """A frame with the requested boxes drawn on it; raises NotFound."""
     pictures = frame_pictures(storage, session, frame_id)
-    wanted_verdicts = wanted.verdicts()
+    drawn_verdicts = query.verdicts()
     drawn: list[DrawnBox] = []
-    if wanted_verdicts:
+    if drawn_verdicts:
         frame = FrameRepository(session).with_id(frame_id)
         dataset = DatasetRepository(session).with_id(frame.dataset_id)
         boxes = DecisionReader(session, dataset).read_frames([frame_id])
@@ -434,5 +434,5 @@ def overlay_of(
         edges = boxes.projected(edges=True).edges
         lines = [None if each is None else each.tolist() for each in edges]
         every = map(DrawnBox, verdicts, boxes.rectangles(), lines)
-        drawn = [box for box in every if box.verdict in wanted_verdicts]
-    return pictures.overlay(wanted.layer, drawn, edges=wanted.edges == "3d")
+        drawn = [box for box in every if box.verdict in drawn_verdicts]
+    return pictures.overlay(query.layer, drawn, edges=query.edges == "3d")

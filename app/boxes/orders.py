@@ -59,19 +59,25 @@ class Contents:
 
     @classmethod
     def of(
-        cls, tallies: Mapping[TallyKey, int], wanted: BoxFilter, most: int, rare: int
+        cls,
+        tallies: Mapping[TallyKey, int],
+        box_filter: BoxFilter,
+        most: int,
+        rare: int,
     ) -> Contents:
         """Those of a dataset's tallies; `most` boxes are selected at most."""
-        selected = {key: boxes for key, boxes in tallies.items() if wanted.selects(key)}
-        asked = sum(boxes for key, boxes in tallies.items() if key.bin == Bin.ASK)
-        wanted_of_them = sum(n for key, n in selected.items() if key.bin == Bin.ASK)
+        selected = {
+            key: boxes for key, boxes in tallies.items() if box_filter.selects(key)
+        }
+        to_ask = sum(boxes for key, boxes in tallies.items() if key.bin == Bin.ASK)
+        to_ask_selected = sum(n for key, n in selected.items() if key.bin == Bin.ASK)
         return cls(
             tuple(sorted({key.reason for key in tallies})),
             frozenset(key.class_id for key in tallies),
             frozenset(Bin(key.bin) for key in selected),
-            wanted.toss_up is True
-            or wanted.has_places
-            or min(wanted_of_them, most) * rare < asked,
+            box_filter.toss_up is True
+            or box_filter.has_places
+            or min(to_ask_selected, most) * rare < to_ask,
         )
 
 
@@ -82,7 +88,7 @@ class BoxOrder:
     An order consists of tiers: all boxes of a tier come before those of the next one.
     """
 
-    wanted: BoxFilter
+    box_filter: BoxFilter
     contents: Contents
 
     def by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
@@ -90,25 +96,25 @@ class BoxOrder:
         # One stream per reason: "reason in (...) order by id" would sort all rows.
         # Without reasons, one per class, since no index has the dataset and id alone.
         # Answered boxes are few, and have an index of their own.
-        wanted = self.wanted
-        if wanted.only_answered:
-            parts = [wanted.conditions()]
-        elif not wanted.reasons:
+        box_filter = self.box_filter
+        if box_filter.only_answered:
+            parts = [box_filter.conditions()]
+        elif not box_filter.reasons:
             parts = self._by_class()
         else:
             # Without "reason in (...)": a database may prefer it to "reason = ...".
-            every = replace(wanted, reasons=()).conditions()
-            reasons = [r for r in self.contents.reasons if r in wanted.reasons]
+            every = replace(box_filter, reasons=()).conditions()
+            reasons = [r for r in self.contents.reasons if r in box_filter.reasons]
             parts = [[*every, Decision.reason == reason] for reason in reasons]
         return [Stream(Decision.box_id, [*part, *conditions]) for part in parts]
 
     def by_match(self, sign: int) -> list[Stream]:
         """Boxes with a match, by match: ascending if `sign` is 1, descending if -1."""
-        column, known = Decision.match_percent, Decision.match_percent.is_not(None)
-        if self.wanted.only_answered:
-            every = [*self.wanted.conditions(), known]
+        column, has_match = Decision.match_percent, Decision.match_percent.is_not(None)
+        if self.box_filter.only_answered:
+            every = [*self.box_filter.conditions(), has_match]
             return [Stream(self._column(column), every, sign=sign)]
-        return [Stream(column, [*of, known], sign=sign) for of in self._by_class()]
+        return [Stream(column, [*of, has_match], sign=sign) for of in self._by_class()]
 
     def unmatched(self) -> list[Stream]:
         """Boxes without a match, by id."""
@@ -117,19 +123,23 @@ class BoxOrder:
     def by_crowding(self) -> list[Stream]:
         """The most crowded first."""
         column = self._column(Decision.crowding)
-        return [Stream(column, self.wanted.conditions(), sign=-1)]
+        return [Stream(column, self.box_filter.conditions(), sign=-1)]
 
     def by_doubt(self, bin_: Bin) -> list[Stream]:
         """The boxes of a bin, the most doubtful first."""
         if bin_ not in self.contents.bins:
             return []
-        every = [*self.wanted.conditions(), in_bin(bin_)]
+        every = [*self.box_filter.conditions(), in_bin(bin_)]
         if bin_ is not Bin.ASK:  # all of its boxes have the same doubt
             return self.by_id(in_bin(bin_))
         if self.contents.is_rare:
             # "+ 0" prevents the use of the index on this column.
             return [Stream(Decision.doubt + 0, every, sign=-1)]
-        states = REVIEW_STATES[self.wanted.review].answers if self.wanted.review else ()
+        states = (
+            REVIEW_STATES[self.box_filter.review].answers
+            if self.box_filter.review
+            else ()
+        )
         return [
             Stream(Decision.doubt, [*every, answered(state)], -1, Decision.review)
             for state in states or ("", "keep", "reject", "unsure")
@@ -139,13 +149,13 @@ class BoxOrder:
         """The conditions of the boxes of each class."""
         # A condition on margins compares only with the thresholds of that class, and
         # an index reads the range of matches around all of them.
-        margin, class_ids = self.wanted.margin_max, self.wanted.class_ids
+        margin, class_ids = self.box_filter.margin_max, self.box_filter.class_ids
         parts = []
-        for each in self.wanted.thresholds:
+        for each in self.box_filter.thresholds:
             key = each.class_id
             is_asked = class_ids is None or key in class_ids
             if is_asked and key in self.contents.class_ids:
-                part = replace(self.wanted, thresholds=(each,)).conditions()
+                part = replace(self.box_filter, thresholds=(each,)).conditions()
                 part.append(Decision.class_id == key)
                 if margin is not None:
                     limits = [side.threshold for side in each.sides]
@@ -160,7 +170,7 @@ class BoxOrder:
     ) -> SQLColumnExpression[float | None]:
         # "+ 0" prevents the use of an index on this column: answered boxes are few, and
         # the index on answers finds them.
-        return column + 0 if self.wanted.only_answered else column
+        return column + 0 if self.box_filter.only_answered else column
 
 
 def answered(state: str) -> ColumnElement[bool]:
@@ -247,55 +257,57 @@ class BoxPages:
     def __init__(
         self,
         session: Session,
-        wanted: BoxFilter,
+        box_filter: BoxFilter,
         tallies: Mapping[TallyKey, int],
         most: int = MAX_ID,
         rare: int = RARE,
     ) -> None:
         self._session = session
-        self._wanted = wanted
-        self._streams = BoxOrder(wanted, Contents.of(tallies, wanted, most, rare))
+        self._filter = box_filter
+        self._streams = BoxOrder(
+            box_filter, Contents.of(tallies, box_filter, most, rare)
+        )
 
     def page(
         self, order: str, cursor: str | None, limit: int
     ) -> tuple[list[int], str | None]:
         """Ids of the next boxes, and the cursor of the page after them."""
         at = decode(cursor) if cursor else START
-        found: list[Position] = []
+        positions: list[Position] = []
         for tier in range(at.tier, len(TIERS[order])):
             start = at if tier == at.tier else START
-            found += self._next_of(order, tier, limit + 1 - len(found), start)
-            if len(found) > limit:
+            positions += self._next_of(order, tier, limit + 1 - len(positions), start)
+            if len(positions) > limit:
                 break
-        more = len(found) > limit
-        found = found[:limit]
-        cursor_after = encode(found[-1]) if more and found else None
-        return [position.box_id for position in found], cursor_after
+        more = len(positions) > limit
+        positions = positions[:limit]
+        cursor_after = encode(positions[-1]) if more and positions else None
+        return [position.box_id for position in positions], cursor_after
 
     def _next_of(
         self, order: str, tier: int, limit: int, at: Position
     ) -> list[Position]:
         """Up to `limit` boxes of one tier after a position."""
-        if order == "id" and self._wanted.is_found_by_match:
+        if order == "id" and self._filter.is_found_by_match:
             # The index returns the boxes of a range of matches in order of match, so
             # that each page would sort all of them by id. If the range is wide, a scan
             # by id finds enough boxes sooner.
             after = at.box_id
             if at == START:
                 class_ids = self._streams.contents.class_ids
-                span = BoxProbes(self._session).span(self._wanted.dataset_id, class_ids)
+                span = BoxProbes(self._session).span(self._filter.dataset_id, class_ids)
                 after = span[0] - 1 if span else 0
             window = (Decision.box_id > after, Decision.box_id <= after + WINDOW)
             by_id = (
                 select(Decision.box_id)
-                .where(*window, *self._wanted.conditions_by_id())
+                .where(*window, *self._filter.conditions_by_id())
                 .order_by(Decision.box_id)
                 .limit(limit)
             )
             ids = self._session.scalars(by_id)
-            found = [Position(tier, float(box_id), box_id) for box_id in ids]
-            if len(found) == limit:
-                return found
+            positions = [Position(tier, float(box_id), box_id) for box_id in ids]
+            if len(positions) == limit:
+                return positions
         # Building a statement of a stream for each class takes several times as long as
         # executing it. Plans for many classes would take up too much memory.
         many = len(self._streams.contents.class_ids) > STREAMS_TOGETHER

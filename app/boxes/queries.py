@@ -119,22 +119,24 @@ _NAMED_BOXES: Final = _CURRENT_BOXES.where(
 # Statements of a filter are kept: to build one takes as long as to read its rows.
 @lru_cache
 def _frames_after(
-    wanted: BoxFilter,
+    box_filter: BoxFilter,
 ) -> Select[int, str, str | None, str | None, str | None, str | None, int]:
     places = (Frame.map, Frame.camera, Frame.sequence, Frame.weather)
     return (
         select(Frame.id, Frame.key, *places, Frame.box_count)
-        .where(*wanted.frame_conditions(), Frame.id > bindparam("after"))
+        .where(*box_filter.frame_conditions(), Frame.id > bindparam("after"))
         .order_by(Frame.id)
         .limit(bindparam("most"))
     )
 
 
 @lru_cache
-def _boxes_between(wanted: BoxFilter) -> Select[int, int, str, str | None, int, int]:
+def _boxes_between(
+    box_filter: BoxFilter,
+) -> Select[int, int, str, str | None, int, int]:
     return _CURRENT_BOXES.where(
         Decision.frame_id.between(bindparam("first"), bindparam("last")),
-        *wanted.conditions_by_id(),
+        *box_filter.conditions_by_id(),
     ).order_by(Decision.frame_id, Decision.box_id)
 
 
@@ -211,11 +213,13 @@ class FrameRepository(Repository):
 
     def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:
         """Boxes in the order of `box_ids`; those that no longer exist are left out."""
-        found: dict[int, _BoxRow] = {}
+        rows_by_id: dict[int, _BoxRow] = {}
         for chunk in bulk.chunks(box_ids):
             rows = self._session.connection().execute(_NAMED_BOXES, {"boxes": chunk})
-            found |= {row[0]: row for row in rows}
-        return _columns([found[box_id] for box_id in box_ids if box_id in found])
+            rows_by_id |= {row[0]: row for row in rows}
+        return _columns(
+            [rows_by_id[box_id] for box_id in box_ids if box_id in rows_by_id]
+        )
 
     def current_boxes_of(self, frame_ids: Iterable[int]) -> CurrentBoxes:
         """All boxes of frames, in order of id; none of a frame that was replaced."""
@@ -225,40 +229,42 @@ class FrameRepository(Repository):
         return _columns(boxes)
 
     def places_of(
-        self, wanted: BoxFilter, *, after: int, boxes: int
+        self, box_filter: BoxFilter, *, after: int, boxes: int
     ) -> tuple[list[FramePlace], bool]:
         """The next frames that can have such boxes, by id, and whether more follow.
 
         As many as have `boxes` boxes together, at least one.
         """
-        found: list[FramePlace] = []
+        places: list[FramePlace] = []
         total = 0
-        rows = bulk.run(self._session, _frames_after(wanted), after=after, most=boxes)
+        rows = bulk.run(
+            self._session, _frames_after(box_filter), after=after, most=boxes
+        )
         with closing(rows):
             for row in rows:
                 total += row[-1]
-                if found and total > boxes:
-                    return found, True
-                found.append(FramePlace(*row))
-        return found, len(found) == boxes
+                if places and total > boxes:
+                    return places, True
+                places.append(FramePlace(*row))
+        return places, len(places) == boxes
 
     def boxes_between(
-        self, wanted: BoxFilter, frames: Sequence[FramePlace]
+        self, box_filter: BoxFilter, frames: Sequence[FramePlace]
     ) -> CurrentBoxes:
         """The boxes of a filter in consecutive frames, by frame and id."""
         if not frames:
             return CurrentBoxes()
         ends = {"first": frames[0].id, "last": frames[-1].id}
         connection = self._session.connection()
-        return _columns(connection.execute(_boxes_between(wanted), ends))
+        return _columns(connection.execute(_boxes_between(box_filter), ends))
 
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
         """The senders' own ids of boxes."""
-        found: dict[int, str] = {}
+        source_ids: dict[int, str] = {}
         for chunk in bulk.chunks(box_ids):
             rows = select(Box.id, Box.source_id).where(Box.id.in_(chunk))
-            found |= {row[0]: row[1] for row in self._session.execute(rows)}
-        return found
+            source_ids |= {row[0]: row[1] for row in self._session.execute(rows)}
+        return source_ids
 
     def page(
         self,
@@ -318,13 +324,13 @@ class FrameRepository(Repository):
             .where(*current_in(dataset_id))
             .group_by(*columns.values())
         )
-        found: dict[str, dict[str, tuple[int, int]]] = {name: {} for name in PLACES}
+        counts: dict[str, dict[str, tuple[int, int]]] = {name: {} for name in PLACES}
         for *places, frames, boxes in self._session.execute(rows):
-            for of, name in zip(found.values(), places, strict=True):
+            for of, name in zip(counts.values(), places, strict=True):
                 if name is not None:
                     frames_before, boxes_before = of.get(name, (0, 0))
                     of[name] = (frames_before + frames, boxes_before + int(boxes))
-        return {what: dict(sorted(of.items())) for what, of in found.items()}
+        return {what: dict(sorted(of.items())) for what, of in counts.items()}
 
     def keys(self, dataset_id: int) -> set[str]:
         """The keys of all current frames."""
@@ -411,16 +417,16 @@ class FrameRepository(Repository):
 
     def files(self, frame_ids: Iterable[int]) -> dict[int, dict[str, FileRow]]:
         """Files of frames by kind."""
-        found: dict[int, dict[str, FileRow]] = {key: {} for key in frame_ids}
+        files: dict[int, dict[str, FileRow]] = {key: {} for key in frame_ids}
         columns = (Blob.sha256, Blob.size_bytes, Blob.media_type)
         rows = (
             select(FrameFile.frame_id, FrameFile.kind, *columns)
             .join(Blob, Blob.sha256 == FrameFile.sha256)
-            .where(FrameFile.frame_id.in_(found))
+            .where(FrameFile.frame_id.in_(files))
         )
         for row in self._session.execute(rows):
-            found[row[0]][row[1]] = FileRow._make(row[1:])
-        return found
+            files[row[0]][row[1]] = FileRow._make(row[1:])
+        return files
 
     def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
         """Reserve this many ids of frames and of boxes; returns the first of each."""
@@ -497,7 +503,7 @@ class LatestAnswers(Repository):
     def of(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The latest answer on each box that has one."""
         columns = [getattr(Review, name) for name in LatestReview._fields]
-        found: dict[int, LatestReview] = {}
+        answers: dict[int, LatestReview] = {}
         for chunk in bulk.chunks(box_ids):
             newest = (
                 select(Review.box_id, func.max(Review.revision).label("revision"))
@@ -510,8 +516,8 @@ class LatestAnswers(Repository):
                 newest, (Review.box_id == newest.c.box_id) & is_newest
             )
             for row in self._session.execute(rows):
-                found[row[0]] = LatestReview._make(row)
-        return found
+                answers[row[0]] = LatestReview._make(row)
+        return answers
 
     def decided(self, dataset_id: int) -> dict[int, bool]:
         """By box, ascending: whether it is kept, where that is the latest answer."""

@@ -133,11 +133,11 @@ class DecidedFrame(NamedTuple):
 
 
 def asked_decisions(
-    decisions: Sequence[Decision], found: Doubts, sentences: Sequence[str | None]
+    decisions: Sequence[Decision], doubts: Doubts, sentences: Sequence[str | None]
 ) -> list[AskedDecision]:
     """Decisions with the bins of their boxes, and with the sentences of `questions`."""
-    doubt = np.maximum(found.doubt, 0).tolist()
-    bins = bins_of(found.doubt).tolist()
+    doubt = np.maximum(doubts.doubt, 0).tolist()
+    bins = bins_of(doubts.doubt).tolist()
     return [
         {**decision, "bin": Bin(bin_).label, "doubt": worth, "question": sentence}
         for decision, bin_, worth, sentence in zip(
@@ -206,11 +206,11 @@ def _accepted_tags(family: str | None, mask: int) -> list[AcceptedTag]:
 
 
 def list_boxes(
-    session: Session, reader: DecisionReader, wanted: BoxFilter, page: PageRequest
+    session: Session, reader: DecisionReader, box_filter: BoxFilter, page: PageRequest
 ) -> tuple[list[StoredDecision], str | None]:
     """Decisions of one page, and the cursor of the next."""
-    tallies = TallyRepository(session).of_dataset(wanted.dataset_id)
-    pages = BoxPages(session, wanted, tallies)
+    tallies = TallyRepository(session).of_dataset(box_filter.dataset_id)
+    pages = BoxPages(session, box_filter, tallies)
     ids, cursor = pages.page(page.sort, page.cursor, page.limit)
     return reader.records(reader.read_boxes(ids)), cursor
 
@@ -218,7 +218,7 @@ def list_boxes(
 def table_of_boxes(
     session: Session,
     reader: DecisionReader,
-    wanted: BoxFilter,
+    box_filter: BoxFilter,
     names: Collection[str],
     page: PageRequest,
 ) -> tuple[dict[str, Sequence[object]], int, str | None]:
@@ -230,8 +230,8 @@ def table_of_boxes(
     """
     repository = FrameRepository(session)
     after = 0 if page.cursor is None else id_of_cursor(page.cursor)
-    frames, has_more = repository.places_of(wanted, after=after, boxes=page.limit)
-    boxes = reader.read(repository.boxes_between(wanted, frames))
+    frames, has_more = repository.places_of(box_filter, after=after, boxes=page.limit)
+    boxes = reader.read(repository.boxes_between(box_filter, frames))
     places = {frame.id: frame for frame in frames}
     of_box = [places[frame_id] for frame_id in boxes.rows.frame_ids]
     columns: dict[str, Callable[[], Sequence[object]]] = {
@@ -251,12 +251,12 @@ def table_of_boxes(
             answers=not {"reviewer", "comment"}.isdisjoint(names),
         )
         columns |= table_columns(boxes.labels, more)
-    found = {
+    table = {
         name: columns[name]() if len(boxes) else ()
         for name in BOX_COLUMNS
         if name in names
     }
-    return found, len(boxes), str(frames[-1].id) if has_more else None
+    return table, len(boxes), str(frames[-1].id) if has_more else None
 
 
 _BINS: Final = {int(bin_): bin_.label for bin_ in Bin}
@@ -358,17 +358,17 @@ class DecisionReader:
         Without `tags`, nothing hides a box; without `answers`, nobody has answered.
         """
         rows, facts = boxes.rows, self._facts(boxes)
-        found = decision_columns(
+        columns = decision_columns(
             [facts[frame_id] for frame_id in rows.frame_ids],
             boxes.evidence_with_tags() if tags else boxes.evidence,
             boxes.decisions,
         )
         if not answers:
-            return replace(found, config=self._digest)
+            return replace(columns, config=self._digest)
         reviews = self._reviews(boxes)
         given_answers = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
         return replace(
-            found,
+            columns,
             reviewer=[answer and answer["reviewer"] for answer in given_answers],
             comment=[answer and answer["comment"] for answer in given_answers],
             config=self._digest,
@@ -456,11 +456,11 @@ class StoredBoxes:
 
     def rows_by_frame(self) -> dict[int, slice]:
         """The rows of each frame that has boxes; the boxes must be in order of id."""
-        first, found = 0, {}
+        first, rows = 0, {}
         for frame_id, count in Counter(self.rows.frame_ids).items():
-            found[frame_id] = slice(first, first + count)
+            rows[frame_id] = slice(first, first + count)
             first += count
-        return found
+        return rows
 
     @cached_property
     def decisions(self) -> Decisions:
@@ -529,8 +529,10 @@ class StoredBoxes:
         low, high = xyxy[:, :2], xyxy[:, 2:]
         overlapping = ((low[place] < high) & (low < high[place])).all(axis=1)
         overlapping[place] = False
-        found: list[int] = (np.flatnonzero(overlapping) + frame.first_box_id).tolist()
-        return found
+        neighbours: list[int] = (
+            np.flatnonzero(overlapping) + frame.first_box_id
+        ).tolist()
+        return neighbours
 
     def explaining(self) -> list[ExplainingBox]:
         """The boxes of the same frames that explain some of these."""
@@ -538,15 +540,15 @@ class StoredBoxes:
         if channels is None:
             return []
         rows = np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist()
-        found = (self._beside(row, int(channels.explained_by[row])) for row in rows)
-        return list({box.box_id: box for box in found}.values())
+        boxes = (self._beside(row, int(channels.explained_by[row])) for row in rows)
+        return list({box.box_id: box for box in boxes}.values())
 
     def covering(self) -> dict[int, tuple[ExplainingBox, float]]:
         """The box that covers most of each box in doubt for it, by the latter's row.
 
         With how much farther from the camera it is, in metres; NaN: unknown.
         """
-        found = {}
+        covering_boxes = {}
         for row in np.flatnonzero(self.doubts.cause == Cause.COVERED).tolist():
             position = self.rows.box_ids[row] - self._first_of(row)
             start = int(self._place[row]) - position
@@ -554,8 +556,8 @@ class StoredBoxes:
             frame = self._records[start : start + count]
             at = most_covering(frame["xyxy"], frame["accept_mask"], position)
             gap = float(frame["distance"][at] - frame["distance"][position])
-            found[row] = self._beside(row, at), gap
-        return found
+            covering_boxes[row] = self._beside(row, at), gap
+        return covering_boxes
 
     def _first_of(self, row: int) -> int:
         return self.frames[self.rows.frame_ids[row]].first_box_id
@@ -604,15 +606,15 @@ class StoredBoxes:
         for row, frame_id in enumerate(self.rows.frame_ids):
             if self.frames[frame_id].geometry:
                 rows_of.setdefault(frame_id, []).append(row)
-        found: dict[int, Geometry] = {}
+        geometries: dict[int, Geometry] = {}
         for frame_id, rows in rows_of.items():
             frame = self.frames[frame_id]
             places = [self.rows.box_ids[row] - frame.first_box_id for row in rows]
             boxes = unpack_geometry(frame.geometry, frame.box_count, places)
             for row, box in zip(rows, boxes, strict=True):
                 if box is not None:
-                    found[row] = box
-        return found
+                    geometries[row] = box
+        return geometries
 
 
 def rounded_edges(edges: FloatArray | NDArray[np.float32]) -> FloatArray:

@@ -35,17 +35,17 @@ def boxes_alike(session: Session, box_id: int) -> dict[str, object]:
 
     A `wire.Alike` whose boxes are dicts. Raises NotFound: there is no such box.
     """
-    reader, found = read_box(session, box_id)
-    (like,) = reader.records(found)
-    frame = FrameRepository(session).with_id(found.rows.frame_ids[0])
+    reader, stored_box = read_box(session, box_id)
+    (like,) = reader.records(stored_box)
+    frame = FrameRepository(session).with_id(stored_box.rows.frame_ids[0])
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    wanted: dict[str, object] = {"class": like["class"], "reason": like["reason"]}
+    filters: dict[str, object] = {"class": like["class"], "reason": like["reason"]}
     distance = like["distance"]
     if distance is not None:
         band = bisect_right(_BANDS_M, distance)
-        wanted["distance_min"] = _BANDS_M[band - 1]
-        wanted["distance_max"] = (*_BANDS_M, None)[band]
-    selection = BoxSelection.model_validate({**wanted, "review": "none"})
+        filters["distance_min"] = _BANDS_M[band - 1]
+        filters["distance_max"] = (*_BANDS_M, None)[band]
+    selection = BoxSelection.model_validate({**filters, "review": "none"})
     pages = BoxPages(
         session,
         to_filter(session, dataset, selection),
@@ -54,7 +54,7 @@ def boxes_alike(session: Session, box_id: int) -> dict[str, object]:
     ids, _ = pages.page("id", None, _MOST_COMPARED)
     boxes = reader.read_boxes([near_id for near_id in ids if near_id != box_id])
     causes = boxes.doubts.cause.tolist()
-    (cause,) = found.doubts.cause.tolist()
+    (cause,) = stored_box.doubts.cause.tolist()
     alike = [
         box
         for box, its_cause in zip(reader.records(boxes), causes, strict=True)
@@ -89,9 +89,9 @@ def track_of(session: Session, box_id: int) -> list[Mapping[str, object]]:
 
     Raises NotFound: there is no such box.
     """
-    reader, found = read_box(session, box_id)
+    reader, stored_box = read_box(session, box_id)
     frames = FrameRepository(session)
-    frame = frames.with_id(found.rows.frame_ids[0])
+    frame = frames.with_id(stored_box.rows.frame_ids[0])
     offsets = frames.recorded_around(frame, _MOST_AROUND)
     ids = frames.boxes_named(offsets, frames.box(box_id))
     boxes = reader.records(reader.read_boxes(ids))

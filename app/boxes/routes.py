@@ -147,15 +147,15 @@ def list_boxes(
     names = None if query.fields is None else _named(query.fields, wire.BOX_FIELDS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
-    wanted = to_filter(session, dataset, query)
+    box_filter = to_filter(session, dataset, query)
     page = PageRequest(query.sort, query.cursor, query.limit)
-    found, cursor = boxes.list_boxes(session, reader, wanted, page)
-    items: Sequence[Mapping[str, object]] = found
+    decisions, cursor = boxes.list_boxes(session, reader, box_filter, page)
+    items: Sequence[Mapping[str, object]] = decisions
     if names is not None:
         items = [{name: box[name] for name in names} for box in items]
     if not query.count:
         return page_response(request, items, cursor)
-    total = count_boxes(services, session, dataset, wanted)
+    total = count_boxes(services, session, dataset, box_filter)
     snapshot = take_snapshot(session, dataset, query, total)
     return page_response(request, items, cursor, total=total, snapshot=snapshot)
 
@@ -173,26 +173,26 @@ def get_table(
         names = _named(query.fields, wire.BOX_COLUMNS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
-    wanted = to_filter(session, dataset, query)
+    box_filter = to_filter(session, dataset, query)
     columns, rows, cursor = boxes.table_of_boxes(
-        session, reader, wanted, names, PageRequest("id", query.cursor, query.limit)
+        session, reader, box_filter, names, PageRequest("id", query.cursor, query.limit)
     )
     table = {"columns": columns, "rows": rows, "next_cursor": cursor}
     return page_with_link(request, table, cursor)
 
 
-def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
+def _named(fields: str, allowed: Sequence[str]) -> tuple[str, ...]:
     """The names of a parameter `fields`, in their order, each once.
 
     Raises BadRequest: ``unknown_field``: one is not known; the error names the nearest.
     """
     names = tuple(dict.fromkeys(name.strip() for name in fields.split(",")))
     for name in names:
-        if name not in known:
-            meant = similar(name, known)
+        if name not in allowed:
+            meant = similar(name, allowed)
             hint = f"; did you mean {meant!r}?" if meant else ""
             raise BadRequest(
-                f"fields: expected some of {', '.join(known)}; found {name[:80]!r}"
+                f"fields: expected some of {', '.join(allowed)}; found {name[:80]!r}"
                 f"{hint}",
                 code="unknown_field",
             )
@@ -218,16 +218,16 @@ async def get_crops(
     of the one crop says why. A page of small pictures needs few requests with it.
     """
     folder = services.settings.data / PICTURES
-    plan = partial(frames.crops_of, wanted=query, folder=folder)
+    plan = partial(frames.crops_of, crops=query, folder=folder)
     return await drawn_response(request, services, plan, query.v)
 
 
 @router.get("/boxes/{box_id}", response_model=wire.Box)
 def get_box(caller: Viewer, box_id: RowId, session: ReadSession) -> wire.Box:
     """A box, its decision, and the boxes that overlap it."""
-    reader, found = boxes.read_box(session, box_id)
-    (decision,) = reader.records(found)
-    return wire.Box.model_validate({**decision, "neighbours": found.neighbours(0)})
+    reader, stored_box = boxes.read_box(session, box_id)
+    (decision,) = reader.records(stored_box)
+    return wire.Box.model_validate({**decision, "neighbours": stored_box.neighbours(0)})
 
 
 @router.get("/boxes/{box_id}/alike", response_model=wire.Alike)
@@ -247,10 +247,13 @@ def get_slice(
     caller: Viewer, box_id: RowId, session: ReadSession, services: AppServices
 ) -> wire.DepthSlice:
     """Where a box and the pixels in it are on the axis of depth."""
-    found = frames.slice_of(services, session, box_id)
-    bands = [wire.DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
+    depth_slice = frames.slice_of(services, session, box_id)
+    bands = [wire.DepthBand(near=a, far=b, percent=c) for a, b, c in depth_slice.bands]
     return wire.DepthSlice(
-        near=found.near, far=found.far, median=found.median, bands=tuple(bands)
+        near=depth_slice.near,
+        far=depth_slice.far,
+        median=depth_slice.median,
+        bands=tuple(bands),
     )
 
 
@@ -268,7 +271,7 @@ async def get_crop(
     query: Annotated[wire_frames.CropQuery, Query()],
 ) -> Response:
     """The part of the frame around a box as WebP."""
-    plan = partial(frames.crop_of, box_id=box_id, wanted=query)
+    plan = partial(frames.crop_of, box_id=box_id, query=query)
     return await drawn_response(request, services, plan, query.v)
 
 
@@ -310,7 +313,7 @@ async def get_overlay(
     query: Annotated[wire_frames.OverlayQuery, Query()],
 ) -> Response:
     """A layer of the frame with its boxes as WebP; without boxes, lossless PNG."""
-    plan = partial(frames.overlay_of, frame_id=frame_id, wanted=query)
+    plan = partial(frames.overlay_of, frame_id=frame_id, query=query)
     return await drawn_response(request, services, plan)
 
 
@@ -330,9 +333,9 @@ def get_file(
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
     file = frames.frame_file(session, frame_id, kind)
-    known = files.known_response(request, file.sha256)
-    if known is not None:
-        return known
+    response = files.known_response(request, file.sha256)
+    if response is not None:
+        return response
     if asks_for_head(request):  # only a GET compares the content with its hash
         blob = services.storage.open(file.sha256, size_bytes=file.size_bytes)
         return files.file_response(request, blob, file.sha256, file.media_type)
@@ -346,8 +349,8 @@ frames_router = ApiRouter(prefix="/api/v1", tag="frames")
 @frames_router.get("/datasets/{dataset}/report", response_model=wire_frames.Report)
 def get_report(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """Where the ghosts are: by distance, and the frames with the most of them."""
-    found = DatasetRepository(session).named(dataset)
-    return json_response(frames.report_of(session, found))
+    dataset_row = DatasetRepository(session).named(dataset)
+    return json_response(frames.report_of(session, dataset_row))
 
 
 @frames_router.get(
@@ -361,15 +364,15 @@ def list_frames(
     query: Annotated[wire.FrameListQuery, Query()],
 ) -> Response:
     """Frames by key or id; with filters on boxes, only frames that have such a box."""
-    found = DatasetRepository(session).named(dataset)
-    boxes = to_filter(session, found, query) if filters_of(query) else None
+    dataset_row = DatasetRepository(session).named(dataset)
+    boxes = to_filter(session, dataset_row, query) if filters_of(query) else None
     page = PageRequest(query.sort, query.cursor, query.limit)
-    rows = FrameRepository(session).page(found.id, page, query.key, boxes)
+    rows = FrameRepository(session).page(dataset_row.id, page, query.key, boxes)
     listed, following = rows[: query.limit], None
     if len(rows) > query.limit:
         last = listed[-1]
         following = last.key if query.sort.endswith("key") else str(last.id)
-    items = frames.frame_summaries(session, found, listed)
+    items = frames.frame_summaries(session, dataset_row, listed)
     return page_response(request, items, following)
 
 
@@ -395,8 +398,8 @@ def delete_frame(
 ) -> Response:
     """Delete a frame with all revisions and answers; an admin, if others answered."""
     begin_as_work(audit.session)
-    found = DatasetRepository(audit.session).named(dataset)
-    frames.remove_frame(audit, caller, found, key)
+    dataset_row = DatasetRepository(audit.session).named(dataset)
+    frames.remove_frame(audit, caller, dataset_row, key)
     make_room(services, audit.session)
     return Response(status_code=204)
 

@@ -80,8 +80,8 @@ class Shuffle:
         left, right = places >> self._shift, places & self._mask
         for key in self._keys():
             left, right = right, left ^ self._mixed(right, key)
-        found = (left << self._shift | right).astype(np.int64)
-        inside: IntArray = found[(found >= self.low) & (found <= self.high)]
+        numbers = (left << self._shift | right).astype(np.int64)
+        inside: IntArray = numbers[(numbers >= self.low) & (numbers <= self.high)]
         return inside
 
     def places_of(self, numbers: IntArray) -> _Words:

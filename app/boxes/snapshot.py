@@ -60,17 +60,17 @@ class Snapshot:
 
 
 def take_snapshot(
-    session: Session, dataset: Dataset, wanted: BoxSelection, total: int
+    session: Session, dataset: Dataset, selection: BoxSelection, total: int
 ) -> str:
     """The snapshot of a filter that selects `total` boxes, as text for the wire."""
-    return _snapshot(session, dataset, wanted, total).encoded()
+    return _snapshot(session, dataset, selection, total).encoded()
 
 
 def select_boxes(
     context: ServiceContext,
     session: Session,
     dataset: Dataset,
-    wanted: BoxSelection,
+    selection: BoxSelection,
     seen: str,
 ) -> list[int]:
     """All boxes of a filter, if nothing has changed since the snapshot `seen`.
@@ -80,9 +80,9 @@ def select_boxes(
     selects more boxes than one bulk answer may change.
     """
     before = Snapshot.decoded(seen)
-    boxes = to_filter(session, dataset, wanted)
+    boxes = to_filter(session, dataset, selection)
     total = count_boxes(context, session, dataset, boxes)
-    now = _snapshot(session, dataset, wanted, total)
+    now = _snapshot(session, dataset, selection, total)
     if now.filters != before.filters:
         raise Unprocessable(
             "snapshot: expected that of a list with this filter of this dataset, "
@@ -114,11 +114,14 @@ def select_boxes(
 
 
 def _snapshot(
-    session: Session, dataset: Dataset, wanted: BoxSelection, total: int
+    session: Session, dataset: Dataset, selection: BoxSelection, total: int
 ) -> Snapshot:
     # A filter is told by its parameters, since the boxes it selects may change.
-    asked: dict[str, object] = {"dataset": dataset.id, "filter": filters_of(wanted)}
-    digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+    parameters: dict[str, object] = {
+        "dataset": dataset.id,
+        "filter": filters_of(selection),
+    }
+    digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()
     return Snapshot(
         filters=digest[:16],
         total=total,

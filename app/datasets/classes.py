@@ -125,5 +125,5 @@ def _request(
     }
     renamed = {sent: now for sent, now in renamed.items() if sent != name}
     coming = replace(reading, renamed_classes={**renamed, former: name})
-    wanted = runs.RunRequest(config, audit.name, True, coming)
-    return runs.request_run(context, session, dataset, wanted)
+    request = runs.RunRequest(config, audit.name, True, coming)
+    return runs.request_run(context, session, dataset, request)

@@ -89,8 +89,8 @@ def create_dataset(
     """Create a dataset, by default with the service's configuration."""
     if exist_ok:
         with suppress(NotFound):
-            known = DatasetRepository(session).named(body.name)
-            return json_response(datasets.describe_dataset(session, known))
+            existing = DatasetRepository(session).named(body.name)
+            return json_response(datasets.describe_dataset(session, existing))
     require_room_to_write(services, session)
     reading = DatasetReading(
         name=body.name,
@@ -103,7 +103,7 @@ def create_dataset(
     first = services.one(DefaultConfig).config
     if body.config is not None:
         first = FilterConfig.from_mapping(body.config.root)
-    wanted = datasets.NewDataset(
+    new_dataset = datasets.NewDataset(
         reading,
         body.description,
         body.classes,
@@ -113,7 +113,7 @@ def create_dataset(
         body.rule,
         body.coached,
     )
-    dataset = datasets.create_dataset(session, wanted)
+    dataset = datasets.create_dataset(session, new_dataset)
     audit.note(AuditAction.DATASET_CREATED, dataset.name)
     where = {"Location": f"/api/v1/datasets/{dataset.name}"}
     return json_response(datasets.describe_dataset(session, dataset), 201, where)
@@ -124,8 +124,8 @@ def get_dataset(
     caller: Viewer, dataset: DatasetName, session: ReadSession
 ) -> wire.Dataset:
     """A dataset with its settings and counts."""
-    found = DatasetRepository(session).named(dataset)
-    return datasets.describe_dataset(session, found)
+    dataset_row = DatasetRepository(session).named(dataset)
+    return datasets.describe_dataset(session, dataset_row)
 
 
 @router.patch(
@@ -142,16 +142,16 @@ def change_dataset(
     audit: Audited,
 ) -> wire.Dataset | Response:
     """Change a dataset; a change in how segmentations are read starts a run (202)."""
-    found = DatasetRepository(session).named(dataset)
+    dataset_row = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
     if body.ignore_mask is not None:
         require_room_to_write(services, session)
         changes["ignore_mask"] = _stored(body.ignore_mask)
-    run = datasets.change_dataset(services, session, found, changes, audit.name)
+    run = datasets.change_dataset(services, session, dataset_row, changes, audit.name)
     details = {"changed": sorted(changes), "run": run and run.id}
     audit.note(AuditAction.DATASET_CHANGED, dataset, **details)
     if run is None:
-        return datasets.describe_dataset(session, found)
+        return datasets.describe_dataset(session, dataset_row)
     return accepted(described_run(services, session, run))
 
 
@@ -168,10 +168,10 @@ def change_class(
     audit: Audited,
 ) -> Response:
     """Rename a class, or merge it into another, through a run that measures again."""
-    found = DatasetRepository(session).named(dataset)
+    dataset_row = DatasetRepository(session).named(dataset)
     rename = merge_class if body.name is None else rename_class
     other = body.name or str(body.merge_into)
-    run = rename(services, audit, found, name, other)
+    run = rename(services, audit, dataset_row, name, other)
     audit.note(
         AuditAction.DATASET_CHANGED,
         dataset,
@@ -229,19 +229,19 @@ def get_histogram(
     bins: Annotated[int, Query(ge=2, le=200)] = 50,
 ) -> wire.Histogram:
     """match_percent per class, with the thresholds of the active configuration."""
-    found = DatasetRepository(session).named(dataset)
-    return current_histogram(services, session, found, bins)
+    dataset_row = DatasetRepository(session).named(dataset)
+    return current_histogram(services, session, dataset_row, bins)
 
 
 @router.get("/datasets/{dataset}/problems", response_model=Page[wire.RefusedFrame])
 def list_problems(
-    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, query: Newest, session: ReadSession
 ) -> Response:
     """Frames that were refused and have not been stored since, newest first."""
-    found = DatasetRepository(session).named(dataset)
-    rows = newest(session, Problem, found.id, wanted.page)
+    dataset_row = DatasetRepository(session).named(dataset)
+    rows = newest(session, Problem, dataset_row.id, query.page)
     refused = partial(wire.RefusedFrame.model_validate, from_attributes=True)
-    return wanted.response(rows, refused)
+    return query.response(rows, refused)
 
 
 def _stored(mask: wire.IgnoreMask | None) -> dict[str, object] | None:

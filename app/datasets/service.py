@@ -58,17 +58,18 @@ class NewDataset:
     coached: bool = False
 
 
-def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
+def create_dataset(session: Session, new_dataset: NewDataset) -> Dataset:
     """Create an empty dataset with its first configuration active."""
-    reading, config, author = wanted.reading, wanted.config, wanted.author
-    plan, classes = plan_for(reading, config), wanted.classes
+    reading, config = new_dataset.reading, new_dataset.config
+    author = new_dataset.author
+    plan, classes = plan_for(reading, config), new_dataset.classes
     dataset = DatasetRepository(session).add(
         Dataset(
             name=reading.name,
-            description=wanted.description,
-            rule=wanted.rule,
-            coached=wanted.coached,
-            recording=checked_recording(wanted.recording),
+            description=new_dataset.description,
+            rule=new_dataset.rule,
+            coached=new_dataset.coached,
+            recording=checked_recording(new_dataset.recording),
             created_by=author,
             **reading.as_columns(),
         ),
@@ -117,8 +118,8 @@ def change_dataset(
     reading = replace(current, **others)
     if reading == current:
         return None
-    wanted = RunRequest(config, author, True, reading)
-    return request_run(context, session, dataset, wanted)
+    request = RunRequest(config, author, True, reading)
+    return request_run(context, session, dataset, request)
 
 
 _DESCRIBING: Final = ("description", "rule", "coached", "recording")
@@ -156,10 +157,10 @@ def remove_dataset(
     with context.database.read() as before:
         dataset = DatasetRepository(before).named(name)
         if confirmed != name:
-            found = "nothing" if confirmed is None else repr(confirmed)
+            shown = "nothing" if confirmed is None else repr(confirmed)
             raise BadRequest(
                 f"deleting dataset {name!r} deletes all its frames and answers and "
-                f"cannot be undone; expected ?confirm={name}, found {found}",
+                f"cannot be undone; expected ?confirm={name}, found {shown}",
                 code="not_confirmed",
             )
         jobs = all_open_jobs(before, dataset.id)

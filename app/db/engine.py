@@ -184,8 +184,8 @@ class Database:
                 return [tuple(row) for row in connection.exec_driver_sql(text)]
 
             try:
-                found = self._first_damage(ask)
-                tables = damaged_tables(ask)[:MOST_PROBLEMS] if found else []
+                damage = self._first_damage(ask)
+                tables = damaged_tables(ask)[:MOST_PROBLEMS] if damage else []
             except OperationalError as exc:
                 if "interrupted" in str(exc.orig):
                     return False
@@ -196,19 +196,19 @@ class Database:
                 return True
             finally:
                 driver.set_progress_handler(None, 0)
-        self.damage = "; ".join(tables) or found or self.damage
+        self.damage = "; ".join(tables) or damage or self.damage
         self.pages_checked = True
         return True
 
     def _first_damage(self, ask: Ask) -> str:
         """SQLite's first error; empty if all pages are intact."""
         try:
-            ((found,),) = ask("PRAGMA quick_check(1)")
+            ((result,),) = ask("PRAGMA quick_check(1)")
         except DatabaseError:
             if self.damage is None:
                 raise
             return self.damage
-        return "" if found == "ok" else str(found).replace("\n", " ")
+        return "" if result == "ok" else str(result).replace("\n", " ")
 
     def _note_damage(self, context: ExceptionContext) -> None:
         text = str(context.original_exception)

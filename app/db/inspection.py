@@ -160,10 +160,10 @@ def problems_in(engine: Engine) -> list[str]:
                 return [tuple(row) for row in connection.exec_driver_sql(text)]
 
             try:
-                found = list(_problems(ask))
+                problems = list(_problems(ask))
             except DBAPIError as exc:
-                found = [str(exc.orig)]
-            return [*damaged_tables(ask), *found] if found else []
+                problems = [str(exc.orig)]
+            return [*damaged_tables(ask), *problems] if problems else []
     except DBAPIError as exc:
         return [str(exc.orig)]
 

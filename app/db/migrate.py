@@ -32,8 +32,8 @@ def migrate(
     afterwards. The check takes seconds for millions of rows, so a database that is at
     the revision already is left alone.
     """
-    wanted = {"head": head_revision(scripts), "base": None}.get(revision, revision)
-    if wanted is not None and wanted == current_revision(engine):
+    target = {"head": head_revision(scripts), "base": None}.get(revision, revision)
+    if target is not None and target == current_revision(engine):
         return
     with engine.connect() as connection:
         if connection.dialect.name != "sqlite":

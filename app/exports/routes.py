@@ -46,26 +46,22 @@ _ARCHIVE: dict[int | str, dict[str, object]] = {
 
 @router.get("/datasets/{dataset}/exports", response_model=Page[Export])
 def list_exports(
-    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, query: Newest, session: ReadSession
 ) -> Response:
     """Exports of a dataset, newest first."""
-    found = DatasetRepository(session).named(dataset)
-    rows = newest(session, tables.Export, found.id, wanted.page)
-    return wanted.response(
-        rows, lambda export: exports.describe_export(export, dataset)
-    )
+    dataset_row = DatasetRepository(session).named(dataset)
+    rows = newest(session, tables.Export, dataset_row.id, query.page)
+    return query.response(rows, lambda export: exports.describe_export(export, dataset))
 
 
 @router.get("/datasets/{dataset}/versions", response_model=Page[Export])
 def list_versions(
-    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, query: Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset, that is, exports with a name, newest first."""
-    found = DatasetRepository(session).named(dataset)
-    rows = VersionRepository(session, found).page(wanted.page)
-    return wanted.response(
-        rows, lambda export: exports.describe_export(export, dataset)
-    )
+    dataset_row = DatasetRepository(session).named(dataset)
+    rows = VersionRepository(session, dataset_row).page(query.page)
+    return query.response(rows, lambda export: exports.describe_export(export, dataset))
 
 
 @router.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
@@ -78,8 +74,8 @@ def create_export(
     audit: Audited,
 ) -> Response:
     """Start an export of labels; one with class numbers fixes the order of classes."""
-    found = DatasetRepository(session).named(dataset)
-    export = exports.request_export(services, session, found, body, audit.name)
+    dataset_row = DatasetRepository(session).named(dataset)
+    export = exports.request_export(services, session, dataset_row, body, audit.name)
     audit.note(
         AuditAction.EXPORT_CREATED, export.id, dataset=dataset, format=body.format
     )
@@ -107,9 +103,9 @@ def get_parts(
 
     Frames that an export leaves out, as those without an image, are counted here.
     """
-    found = DatasetRepository(session).named(dataset)
+    dataset_row = DatasetRepository(session).named(dataset)
     shares = [float(share) for share in split.split(",") if share]
-    return exports.planned_parts(session, found, shares)
+    return exports.planned_parts(session, dataset_row, shares)
 
 
 @router.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)

@@ -40,7 +40,7 @@ def request_export(
     context: ServiceContext,
     session: Session,
     dataset: Dataset,
-    wanted: wire.ExportIn,
+    request: wire.ExportIn,
     author: str,
 ) -> tables.Export:
     """Queue an export; it starts when the transaction is committed.
@@ -51,17 +51,17 @@ def request_export(
     export has the name; NotFound: there is no version `since`.
     """
     versions = VersionRepository(session, dataset)
-    if wanted.since is not None:
-        versions.named(wanted.since)
-    taken = None if wanted.name is None else versions.export_of(wanted.name)
+    if request.since is not None:
+        versions.named(request.since)
+    taken = None if request.name is None else versions.export_of(request.name)
     if taken is not None:
         raise Conflict(
-            f"dataset {dataset.name!r} has a version {wanted.name!r} already, export "
+            f"dataset {dataset.name!r} has a version {request.name!r} already, export "
             f"{taken}; choose another name, or delete that export",
             code="version_exists",
         )
-    options = wanted.options.model_dump()
-    fmt = format_of(wanted.format, ExportOptions.from_mapping(options))
+    options = request.options.model_dump()
+    fmt = format_of(request.format, ExportOptions.from_mapping(options))
     require_room(context.settings, context.storage)
     if fmt.numbers_classes:
         if is_renaming_classes(session, dataset):
@@ -73,14 +73,14 @@ def request_export(
         DatasetRepository(session).freeze_classes(dataset.id)
     export = tables.Export(
         dataset_id=dataset.id,
-        format=wanted.format,
+        format=request.format,
         options=options,
         run_id=dataset.active_run_id,
         total=FrameRepository(session).count(dataset.id),
         media_type=MEDIA_TYPE,
         created_by=author,
-        name=wanted.name,
-        since=wanted.since,
+        name=request.name,
+        since=request.since,
     )
     queue_job(context, session, export)
     return export

@@ -256,18 +256,18 @@ class ExportFrames:
         columns = content.columns
         # Whether an annotation may have the labels of a format of this name.
         has_labels = f'"{SOURCE_LABELS}"' in text
-        given = formats.GivenAnnotation(
+        annotation = formats.GivenAnnotation(
             partial(_annotation, text, self._dataset.renamed_classes),
             wh,
             crowds=_CROWD in text,
             may_be_of=lambda name: has_labels and f'"{name}"' in text,
         )
-        said = given.frame if any(key in text for key in _PARTS) else {}
+        said = annotation.frame if any(key in text for key in _PARTS) else {}
         return formats.ExportFrame(
             key=frame.key,
             wh=wh,
             boxes=content.labels[rows],
-            given=given,
+            given=annotation,
             map=frame.map,
             sequence=as_text(said.get("sequence")),
             split=as_text(said.get("split")),

@@ -39,8 +39,10 @@ class HookRepository(Repository):
     """
 
     def page(self, page: NewestPage) -> list[Row[Hook, str | None]]:
-        """A page of hooks with the names of their datasets, newest first, and one more
-        if there is a next one."""
+        """A page of hooks with the names of their datasets, newest first.
+
+        It has one more if there is a next page.
+        """
         rows = select(Hook, Dataset.name).outerjoin(Dataset).where(is_there())
         return list(self._session.execute(page.of(rows, Hook.id)))
 
@@ -135,19 +137,21 @@ class PendingReviewRepository(Repository):
     """Datasets of which some hook wants to know when they have been reviewed."""
 
     def changes(self) -> tuple[set[int], set[int]]:
-        """Datasets that have begun to have boxes to review, and those that have none
-        left."""
+        """Datasets whose boxes to review have begun or ended.
+
+        First those that have begun to have some, then those that have none left.
+        """
         event: HookEvent = "dataset.reviewed"
         hooks = self._session.scalars(select(Hook))
-        wanted = {hook.dataset_id for hook in hooks if event in hook.events}
+        dataset_ids = {hook.dataset_id for hook in hooks if event in hook.events}
         seen = set(self._session.scalars(select(PendingReview.dataset_id)))
-        if not wanted:
+        if not dataset_ids:
             return set(), seen
         rows = select(Tally.dataset_id).join(Dataset, Dataset.id == Tally.dataset_id)
         is_undecided = Tally.review.in_(REVIEW_STATES["undecided"].answers)
         rows = rows.where(is_there(), Tally.bin == Bin.ASK, is_undecided)
-        if None not in wanted:
-            rows = rows.where(Tally.dataset_id.in_(wanted))
+        if None not in dataset_ids:
+            rows = rows.where(Tally.dataset_id.in_(dataset_ids))
         having = rows.group_by(Tally.dataset_id).having(func.sum(Tally.boxes) > 0)
         waiting = set(self._session.scalars(having))
         return waiting - seen, seen - waiting
@@ -158,8 +162,10 @@ class PendingReviewRepository(Repository):
         self._session.execute(new.on_conflict_do_nothing())
 
     def end(self, dataset_id: int) -> Dataset | None:
-        """Note that it has none; the dataset, unless it was deleted or this was noted
-        already."""
+        """Note that a dataset has no box to review.
+
+        Returns the dataset; None if it was deleted, or if this was noted already.
+        """
         gone = delete(PendingReview).where(PendingReview.dataset_id == dataset_id)
         noted = self._session.execute(gone.returning(PendingReview.dataset_id)).first()
         rows = select(Dataset).where(Dataset.id == dataset_id, is_there())

@@ -18,13 +18,13 @@ router = ApiRouter(prefix="/api/v1", tag="hooks")
 
 
 @router.get("/hooks", response_model=Page[Hook])
-def list_hooks(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
+def list_hooks(caller: Admin, query: Newest, session: ReadSession) -> Response:
     """All hooks, newest first; without their secrets."""
-    rows = HookRepository(session).page(wanted.page)
-    listed = rows[: wanted.page.limit]
+    rows = HookRepository(session).page(query.page)
+    listed = rows[: query.page.limit]
     following = str(listed[-1][0].id) if len(rows) > len(listed) else None
     items = [hooks.describe_hook(hook, dataset) for hook, dataset in listed]
-    return page_response(wanted.request, items, following)
+    return page_response(query.request, items, following)
 
 
 @router.post("/hooks", status_code=201, response_model=NewHook)
@@ -45,13 +45,13 @@ def delete_hook(caller: Admin, hook_id: RowId, audit: Audited) -> Response:
 
 @router.get("/hooks/{hook_id}/deliveries", response_model=Page[Delivery])
 def list_deliveries(
-    caller: Admin, hook_id: RowId, wanted: Newest, session: ReadSession
+    caller: Admin, hook_id: RowId, query: Newest, session: ReadSession
 ) -> Response:
     """What was and will be sent to a hook, newest first; of those that are over, the
     newest 200."""
     hook = HookRepository(session).with_id(hook_id)
-    rows = DeliveryRepository(session).page(hook.id, wanted.page)
-    return wanted.response(rows, hooks.describe_delivery)
+    rows = DeliveryRepository(session).page(hook.id, query.page)
+    return query.response(rows, hooks.describe_delivery)
 
 
 @router.post("/hooks/{hook_id}/ping", status_code=202, response_model=Delivery)

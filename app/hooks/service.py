@@ -56,28 +56,28 @@ def allowed_url(settings: Settings, url: str) -> httpx.URL:
 
 
 def create_hook(
-    audit: AuditTrail, settings: Settings, wanted: wire.HookIn
+    audit: AuditTrail, settings: Settings, request: wire.HookIn
 ) -> wire.NewHook:
     """Register a hook; only the result has its secret.
 
     Raises Unprocessable as `allowed_url`, and NotFound if there is no such dataset.
     """
-    allowed_url(settings, wanted.url)
+    allowed_url(settings, request.url)
     dataset = None
-    if wanted.dataset is not None:
-        dataset = DatasetRepository(audit.session).named(wanted.dataset)
+    if request.dataset is not None:
+        dataset = DatasetRepository(audit.session).named(request.dataset)
     key = base64.b64encode(secrets.token_bytes(_SECRET_BYTES)).decode("ascii")
     secret = SECRET_PREFIX + key
     hook = Hook(
-        url=wanted.url,
-        events=list(dict.fromkeys(wanted.events)),
+        url=request.url,
+        events=list(dict.fromkeys(request.events)),
         dataset_id=None if dataset is None else dataset.id,
         secret=secret,
         created_by=audit.name,
     )
     HookRepository(audit.session).insert(hook)
-    audit.note(AuditAction.HOOK_CREATED, hook.id, url=hook.url, dataset=wanted.dataset)
-    shown = describe_hook(hook, wanted.dataset)
+    audit.note(AuditAction.HOOK_CREATED, hook.id, url=hook.url, dataset=request.dataset)
+    shown = describe_hook(hook, request.dataset)
     return wire.NewHook(**dict(shown), secret=secret)
 
 

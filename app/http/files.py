@@ -85,9 +85,9 @@ def blob_headers(tag: str) -> dict[str, str]:
 
 def is_known(request: Request, etag: str) -> bool:
     """Whether the client has this version already, by its If-None-Match header."""
-    known = request.headers.get("if-none-match", "")
-    tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
-    return etag in tags or known.strip() == "*"
+    header = request.headers.get("if-none-match", "")
+    tags = [tag.strip().removeprefix("W/") for tag in header.split(",")]
+    return etag in tags or header.strip() == "*"
 
 
 _UNCHANGED: Final[dict[int | str, dict[str, object]]] = {

@@ -160,7 +160,7 @@ class SecurityHeaders(HttpMiddleware):
             if message["type"] == "http.response.start":
                 headers = list(message.get("headers", ()))
                 own = {name for name, _ in headers}
-                headers += [one for one in self._headers if one[0] not in own]
+                headers += [header for header in self._headers if header[0] not in own]
                 message["headers"] = headers
             await send(message)
 
@@ -278,8 +278,8 @@ class KnownHosts(HttpMiddleware):
             )
         # Without the zone of a link-local address; IPv4 on a socket for IPv6 is mapped.
         address = scope["server"][0].partition("%")[0].removeprefix("::ffff:")
-        known = {*self._hosts, bracketed(address)}
-        is_known = bool(names) and known.issuperset(map(host_name, names))
+        hosts = {*self._hosts, bracketed(address)}
+        is_known = bool(names) and hosts.issuperset(map(host_name, names))
         if not (is_known or ANY_HOST in self._hosts or scope["path"] in PROBES):
             raise MisdirectedHost(
                 "this service is not known under that host name; "

@@ -68,18 +68,19 @@ def _objects(schema: _Object) -> str:
     """Each object of bodies and responses, with its fields and an example of each."""
     return "".join(
         f'<details id="{escape(name)}"><summary><code>{escape(name)}</code> '
-        f'<span class="brief">{_marked_up(one.get("description", ""))}</span></summary>'
+        f'<span class="brief">{_marked_up(model.get("description", ""))}</span>'
+        "</summary>"
         + _table(
             (
-                field if field in one.get("required", ()) else f"{field}, optional",
+                field if field in model.get("required", ()) else f"{field}, optional",
                 _type_of(of_field),
                 _with_example(of_field),
             )
-            for field, of_field in one["properties"].items()
+            for field, of_field in model["properties"].items()
         )
         + "</details>"
-        for name, one in sorted(schema["components"]["schemas"].items())
-        if one.get("properties")
+        for name, model in sorted(schema["components"]["schemas"].items())
+        if model.get("properties")
     )
 
 
@@ -92,7 +93,9 @@ def _type_of(schema: _Object) -> str:
             kinds = map(_type_of, schema[several])
             return " or ".join(dict.fromkeys(kinds))
     if "enum" in schema:
-        return ", ".join("null" if one is None else str(one) for one in schema["enum"])
+        return ", ".join(
+            "null" if value is None else str(value) for value in schema["enum"]
+        )
     if "const" in schema:
         return str(schema["const"])
     kind = schema.get("type", "any")
@@ -112,15 +115,20 @@ def _with_example(schema: _Object) -> str:
 
 def _parameters(operation: _Object) -> str:
     rows = [
-        (one["name"], one["in"], _with_example({**one["schema"], **one}))
-        for one in operation.get("parameters", ())
+        (
+            parameter["name"],
+            parameter["in"],
+            _with_example({**parameter["schema"], **parameter}),
+        )
+        for parameter in operation.get("parameters", ())
     ]
     for kind, body in operation.get("requestBody", {}).get("content", {}).items():
         schema = body["schema"]
         fields = schema.get("properties", {})
         rows += [("body", kind, "" if fields else _type_of(schema))]
         rows += [
-            (name, _type_of(one), _with_example(one)) for name, one in fields.items()
+            (name, _type_of(field), _with_example(field))
+            for name, field in fields.items()
         ]
     return _table(rows)
 
@@ -133,7 +141,9 @@ def _responses(operation: _Object) -> str:
             errors.append(status)
             continue
         contents = response.get("content", {}).values()
-        kinds = [_type_of(one["schema"]) for one in contents if "schema" in one]
+        kinds = [
+            _type_of(content["schema"]) for content in contents if "schema" in content
+        ]
         rows.append((status, response["description"], ", ".join(kinds)))
     if errors:
         rows.append((", ".join(errors), "An error.", "Problem"))
@@ -222,15 +232,15 @@ def _add_components(schema: _Object) -> None:
     stored = schemas[ConfigVersion.__name__]["properties"]
     stored["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
     # As for formats: the wire has only their names.
-    asked = schemas[ExportIn.__name__]["properties"]["format"]
-    asked["x-titles"] = {name: FORMATS[name].title for name in EXPORT_FORMATS}
-    asked["x-briefs"] = {name: FORMATS[name].brief for name in EXPORT_FORMATS}
-    asked["x-options"] = {
+    format_field = schemas[ExportIn.__name__]["properties"]["format"]
+    format_field["x-titles"] = {name: FORMATS[name].title for name in EXPORT_FORMATS}
+    format_field["x-briefs"] = {name: FORMATS[name].brief for name in EXPORT_FORMATS}
+    format_field["x-options"] = {
         name: sorted(FORMATS[name].options) for name in EXPORT_FORMATS
     }
     schemas["Problem"]["properties"]["code"]["enum"] = [*ERROR_CODES]
-    for name, one in schemas.items():
-        for field, of_field in one.get("properties", {}).items():
+    for name, model_schema in schemas.items():
+        for field, of_field in model_schema.get("properties", {}).items():
             _describe(of_field, described(field, name))
             if "default" in of_field:
                 of_field[_DEFAULT] = of_field.pop("default")
@@ -260,7 +270,10 @@ def _describe(schema: _Object, said: Described | None) -> None:
 def _describe_operation(method: str, operation: _Object) -> None:
     """Add the errors, and what the parameters mean."""
     responses = operation["responses"]
-    statuses = {*_EVERYWHERE, *(int(one) for one in responses if int(one) >= 400)}
+    statuses = {
+        *_EVERYWHERE,
+        *(int(status) for status in responses if int(status) >= 400),
+    }
     if "security" in operation:
         statuses.update(_WITH_TOKEN)
     if method in _BODY_METHODS:
@@ -280,8 +293,8 @@ def _make_bounds_whole(node: object) -> None:
     FastAPI writes them as floats, and 2**63 - 1 is not one: it is rounded up.
     """
     if isinstance(node, list):
-        for one in node:
-            _make_bounds_whole(one)
+        for item in node:
+            _make_bounds_whole(item)
     elif isinstance(node, dict):
         for value in node.values():
             _make_bounds_whole(value)

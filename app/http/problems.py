@@ -189,15 +189,15 @@ def refusal_of(exc: Exception) -> Refusal:
         return Refusal(exc.status_code, code, str(exc.detail), headers=headers)
     if isinstance(exc, ClientDisconnect):  # the response cannot be delivered
         return Refusal(400, "client_disconnected", "the body ended too early")
-    known = _translated(exc)
-    if isinstance(known, AppError):
-        return _refusal_by_app(known)
-    if isinstance(known, FilterError):
-        problem = problem_of(known)
-        faults = tuple(Fault(**one) for one in problem["errors"])
+    translated = _translated(exc)
+    if isinstance(translated, AppError):
+        return _refusal_by_app(translated)
+    if isinstance(translated, FilterError):
+        problem = problem_of(translated)
+        faults = tuple(Fault(**fault) for fault in problem["errors"])
         more = _more_errors(problem.get("more_errors", 0))
         # If something is not available, it says which package to install.
-        is_absent = isinstance(known, NotAvailable)
+        is_absent = isinstance(translated, NotAvailable)
         where = " on the machine of the server" if is_absent else ""
         detail = f"{problem['detail']}{where}"
         return Refusal(422, problem["code"], detail, faults, extensions=more)
@@ -304,17 +304,17 @@ def _keys_at(body: object, path: Sequence[int | str]) -> set[str]:
     models = list(_models_in(body))
     for step in path:
         if isinstance(step, str):
-            fields = [pair for one in models for pair in one.model_fields.items()]
+            fields = [pair for model in models for pair in model.model_fields.items()]
             models = [
                 inner
-                for name, one in fields
-                if step in (name, one.alias)
-                for inner in _models_in(one.annotation)
+                for name, field in fields
+                if step in (name, field.alias)
+                for inner in _models_in(field.annotation)
             ]
     return {
-        one.alias or name
+        field.alias or name
         for model in models
-        for name, one in model.model_fields.items()
+        for name, field in model.model_fields.items()
     }
 
 

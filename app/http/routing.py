@@ -179,12 +179,12 @@ class OpenRoute(HeadRoute):
     def get_route_handler(self) -> Handler:
         """The endpoint, preceded by the checks that all routes share."""
         endpoint = super().get_route_handler()
-        known = frozenset(_query_names(self.dependant))
+        names = frozenset(_query_names(self.dependant))
         takes_json = self.takes_json
 
         async def checked(request: Request) -> Response:
             await self.admit(request)
-            _check_parameters(request, known)
+            _check_parameters(request, names)
             if takes_json:
                 _expect_json(request)
             strict = StrictRequest(request.scope, request.receive)
@@ -300,15 +300,15 @@ class ApiRouter(OpenRouter):
     kind = ApiRoute
 
 
-def _check_parameters(request: Request, known: frozenset[str]) -> None:
+def _check_parameters(request: Request, names: frozenset[str]) -> None:
     """Refuse a query parameter that is unknown or given twice: it would be ignored."""
-    unknown = sorted(set(request.query_params) - known)
+    unknown = sorted(set(request.query_params) - names)
     if unknown:
-        expected = ", ".join(sorted(known)) or "none"
+        expected = ", ".join(sorted(names)) or "none"
         raise UnknownParameter(
             f"unknown query parameter {unknown[0]!r}; known here: {expected}"
         )
-    for name in known & set(request.query_params):
+    for name in names & set(request.query_params):
         count = len(request.query_params.getlist(name))
         if count > 1:
             raise BadRequest(
@@ -331,7 +331,10 @@ def _query_names(dependant: Dependant) -> Iterator[str]:
     for field in dependant.query_params:
         model = field.field_info.annotation
         if isinstance(model, type) and issubclass(model, BaseModel):
-            yield from (one.alias or name for name, one in model.model_fields.items())
+            yield from (
+                parameter.alias or name
+                for name, parameter in model.model_fields.items()
+            )
         else:
             yield field.alias
     for sub in dependant.dependencies:

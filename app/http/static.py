@@ -83,23 +83,23 @@ def page_file(folder: Path, name: str) -> PageFile:
         return _packs(folder, page_version(folder))[name]
     try:
         path = (folder / name).resolve()
-        found = path.is_relative_to(folder.resolve()) and path.is_file()
-        changed = path.stat().st_mtime_ns if found else 0
+        is_there = path.is_relative_to(folder.resolve()) and path.is_file()
+        changed = path.stat().st_mtime_ns if is_there else 0
     except (OSError, ValueError):  # a NUL, or a name that is too long
-        found = False
-    if not found or path.suffix not in MEDIA_TYPES:
+        is_there = False
+    if not is_there or path.suffix not in MEDIA_TYPES:
         raise NotFound("file", name)
     return _read(path, changed)
 
 
 def version_of(folder: Path) -> str:
     """A hash of all files in the folder, the same on every server."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.suffix in MEDIA_TYPES:
             etag = _read(path, path.stat().st_mtime_ns).etag
-            found.update(f"{path.relative_to(folder).as_posix()} {etag}\n".encode())
-    return found.hexdigest()[:16]
+            digest.update(f"{path.relative_to(folder).as_posix()} {etag}\n".encode())
+    return digest.hexdigest()[:16]
 
 
 def page_version(folder: Path) -> str:
@@ -179,9 +179,9 @@ async def static_file(name: str, request: Request) -> Response:
     A page that was opened before an update requests URLs of the former version. It gets
     the current file, without permission to cache it.
     """
-    folder, asked = static_dir(), _VERSION.match(name)
-    file = page_file(folder, name[asked.end() :] if asked else name)
-    is_current = asked is not None and asked[1] == page_version(folder)
+    folder, version = static_dir(), _VERSION.match(name)
+    file = page_file(folder, name[version.end() :] if version else name)
+    is_current = version is not None and version[1] == page_version(folder)
     return _file_response(request, file, IMMUTABLE if is_current else "no-cache")
 
 

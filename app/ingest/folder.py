@@ -459,11 +459,11 @@ class _Response:
             raise LayoutError(
                 problem.detail, pointer=problem.pointer, code=problem.kind
             )
-        given = {"image": source.image, "segmentation": source.segmentation}
-        given |= source.others
+        paths = {"image": source.image, "segmentation": source.segmentation}
+        paths |= source.others
         files = {
             kind: self._name_of(kind, path)
-            for kind, path in given.items()
+            for kind, path in paths.items()
             if path is not None
         }
         self.used.update(files.values())
@@ -493,9 +493,9 @@ class _Response:
         shown = path.relative_to(self.source) if inside else path
         raise LayoutError(f"{kind}: {shown} is not among these files")
 
-    def write_unmatched(self, found: FrameSet) -> None:
-        listed = [(one.path, one.why) for one in found.unmatched]
-        strange = self._strange(found.layout, {path for path, _ in listed})
+    def write_unmatched(self, frames: FrameSet) -> None:
+        listed = [(file.path, file.why) for file in frames.unmatched]
+        strange = self._strange(frames.layout, {path for path, _ in listed})
         for path, why in (*self.task.refused, *listed, *strange):
             self.unmatched += 1
             self.write(wire.UnmatchedFile(path=path, why=why))
@@ -506,12 +506,12 @@ class _Response:
         has_notes = layout in FORMATS and layout != TABLE.name
         own = NOTES_SUFFIXES if has_notes else TEXT_SUFFIXES
         manifest = manifest_of(self.source) if layout == MANIFEST.name else None
-        known = {
+        used = {
             *self.used,
             *([_relative(manifest, self.task.root)] if manifest else []),
             _relative(self.source / RECORDING_NAME, self.task.root),
         }
-        for name in sorted(self._names - known):
+        for name in sorted(self._names - used):
             if any(map(is_hidden, name.split("/"))):
                 continue
             shown = name.removeprefix(self.top)

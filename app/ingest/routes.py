@@ -358,20 +358,20 @@ def find_known_frames(
     session: ReadSession,
 ) -> wire.KnownFrames:
     """Which of up to 1000 keys are stored, each with the digest of its content."""
-    found = DatasetRepository(session).named(dataset)
-    known = tuple(
+    dataset_row = DatasetRepository(session).named(dataset)
+    known_frames = tuple(
         wire.KnownFrame(key=key, frame_id=row.frame_id, digest=row.content_digest)
-        for key, row in sorted(key_rows(session, found.id, body.keys).items())
+        for key, row in sorted(key_rows(session, dataset_row.id, body.keys).items())
         if row.frame_id is not None and row.content_digest is not None
     )
-    return wire.KnownFrames(items=known)
+    return wire.KnownFrames(items=known_frames)
 
 
 def _known_layout(name: str) -> str:
     """Checks a layout before the files are received; the server may have plug-ins."""
-    known = known_layouts(name)
-    if name not in known:
-        raise ValueError(f"expected one of {', '.join(known)}")
+    layouts = known_layouts(name)
+    if name not in layouts:
+        raise ValueError(f"expected one of {', '.join(layouts)}")
     return name
 
 

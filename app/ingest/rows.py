@@ -114,16 +114,16 @@ def insert_frames(
     active: ActiveDataset,
     sender: Principal,
     frames: Sequence[ReadyFrame],
-    known: Mapping[str, KeyRow],
+    key_rows: Mapping[str, KeyRow],
 ) -> list[NewFrame]:
     """Insert frames of different keys and decide their boxes.
 
-    `known` has the current row of each key: the revisions that they replace, if any.
+    `key_rows` has the current row of each key: the revisions that they replace, if any.
     """
     if not frames:
         return []
     repository = FrameRepository(session)
-    former_ids = {frame.key: known[frame.key].frame_id for frame in frames}
+    former_ids = {frame.key: key_rows[frame.key].frame_id for frame in frames}
     formers = {
         key: repository.with_id(frame_id)
         for key, frame_id in former_ids.items()
@@ -137,7 +137,7 @@ def insert_frames(
     for place, frame in enumerate(new):
         if frame.key in formers:
             new[place] = _carried(session, sender, formers[frame.key], frame, class_ids)
-        if known[frame.key].has_problem:
+        if key_rows[frame.key].has_problem:
             ProblemRepository(session).forget(active.row.dataset_id, frame.key)
     once_committed(session, partial(_count, new))
     return new
@@ -370,7 +370,10 @@ def _decisions(frame: NewFrame) -> list[StoredDecision]:
     measured, config = frame.ready.measured, frame.active.config
     evidence, geometry = measured.evidence, measured.geometry
     if frame.revision > 1:  # rounded as when a stored frame is read
-        edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
+        edges = [
+            None if box_edges is None else rounded_edges(box_edges)
+            for box_edges in geometry.edges
+        ]
         geometry = replace(geometry, edges=edges)
     facts = replace(measured.facts(config), key=frame.key)
     composed = decision_dicts(facts, measured.ids, evidence, frame.decisions, geometry)

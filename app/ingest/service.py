@@ -93,11 +93,11 @@ def prepare_frame(
     try:
         key, raw = read_key(upload, context.settings)
         require_key(key)
-        active, known = context.one(PlanCache).before_measuring(
+        active, key_row = context.one(PlanCache).before_measuring(
             context.database, request.dataset, key
         )
         annotation, wh, rows, digest = check_frame(key, raw, upload, context.settings)
-        end = _known_end(known, key, digest, request)
+        end = _known_end(key_row, key, digest, request)
         if end is None:
             files = FrameFiles.of(upload.files, wh, active.plan.files)
             work = annotation, files
@@ -109,7 +109,7 @@ def prepare_frame(
     blobs = {row.sha256: upload.files[row.kind] for row in rows}
     if end is not None:
         context.storage.put_missing(blobs)
-        if known.has_problem:
+        if key_row.has_problem:
             with _writing(context, request) as session:
                 ProblemRepository(session).forget(active.row.dataset_id, key)
         return end
@@ -120,13 +120,13 @@ def prepare_frame(
 
 
 def _known_end(
-    known: KeyRow, key: str, digest: str, request: UploadRequest
+    key_row: KeyRow, key: str, digest: str, request: UploadRequest
 ) -> EndedFrame | None:
     """The result for a frame that is stored already, or whose key is taken; or None."""
-    if known.frame_id is None:
+    if key_row.frame_id is None:
         return None
-    if known.content_digest == digest:
-        return StoredFrame(key, known.frame_id)
+    if key_row.content_digest == digest:
+        return StoredFrame(key, key_row.frame_id)
     if request.replace:
         return None
     conflict = FrameConflict(
@@ -264,14 +264,14 @@ def _write(
 ) -> list[EndedFrame]:
     """Write the rows of new frames, and the problems of refused ones."""
     ready = [frame for frame in frames if isinstance(frame, ReadyFrame)]
-    active, known = context.one(PlanCache).active_and_keys(
+    active, key_rows = context.one(PlanCache).active_and_keys(
         session, request.dataset, [frame.key for frame in ready]
     )
     ended: dict[str, EndedFrame] = {}
     new = []
     for frame in frames:
         if isinstance(frame, ReadyFrame):  # its key may have been stored meanwhile
-            end = _known_end(known[frame.key], frame.key, frame.digest, request)
+            end = _known_end(key_rows[frame.key], frame.key, frame.digest, request)
             if end is None:
                 new.append(frame)
                 continue
@@ -287,7 +287,7 @@ def _write(
     # Garbage collection waits for its turn to write, so files that exist now stay until
     # this transaction ends.
     context.storage.require(file.sha256 for frame in new for file in frame.files)
-    for stored in insert_frames(session, active, request.sender, new, known):
+    for stored in insert_frames(session, active, request.sender, new, key_rows):
         ended[stored.key] = stored
     return _counted(session, [ended[frame.key] for frame in frames])
 

@@ -267,9 +267,9 @@ class TarStream:
                 f"expected an archive of at most {limits.max_archive_bytes}"
             )
         if header.kind not in (*_FILE, *_PAX, _FOLDER, _LONG_NAME):
-            found = _KINDS.get(header.kind, f"an entry of type {header.kind!r}")
+            kind = _KINDS.get(header.kind, f"an entry of type {header.kind!r}")
             name = (self._long_name or header.name)[:80].decode("utf-8", "replace")
-            raise BadArchive(f"{name!r}: expected a file or a folder, found {found}")
+            raise BadArchive(f"{name!r}: expected a file or a folder, found {kind}")
         is_extension = header.kind in (*_PAX, _LONG_NAME)
         if is_extension and header.size > MAX_EXTENSION:
             raise BadArchive(

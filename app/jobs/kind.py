@@ -84,8 +84,10 @@ class JobKind(Protocol[Row]):
         """
 
     def unfinished(self, session: Session, row: Row, chunk: Chunk) -> list[int]:
-        """Ids of the frames of a chunk that have no result yet; empty for a chunk
-        without frames of its own."""
+        """Ids of the frames of a chunk that have no result yet.
+
+        Empty for a chunk without frames of its own.
+        """
 
     def name_unfinished(
         self, session: Session, row: Row, chunks: Sequence[Chunk]

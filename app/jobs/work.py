@@ -87,11 +87,11 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
 
 
 def work_in_worker(
-    context: ServiceContext, asked: tuple[str, int, int], installation: str
+    context: ServiceContext, place: tuple[str, int, int], installation: str
 ) -> str:
     """As `work_on_chunk`, in a worker.
 
-    `asked` are the kind and the id of the job, and the number of the chunk;
+    `place` names the kind and the id of the job, and the number of the chunk;
     `installation` is the id of the driver's database. If the worker's is another one,
     the outcome is ELSEWHERE, and the chunk is not worked on. It is RETURNED if the
     worker cannot reach the database: the driver sends the chunk again, and this is no
@@ -101,7 +101,7 @@ def work_in_worker(
         with context.database.read() as session:
             is_same = installation_id(session) == installation
         if is_same:
-            return work_on_chunk(context, *asked)
+            return work_on_chunk(context, *place)
     except Exception as error:
         if not is_transient(error):
             raise

@@ -129,10 +129,10 @@ def _check_complete(
     try:
         triggers = foreign_triggers(database)
         problems = problems_of(database)
-        wanted = referenced_files(database)
+        referenced = referenced_files(database)
     except sqlite3.DatabaseError as exc:
         raise CannotMaintain(f"{backup}: its database cannot be read: {exc}") from exc
-    missing = {blob_name(digest) for digest in wanted - {*label.left_out}} - names
+    missing = {blob_name(digest) for digest in referenced - {*label.left_out}} - names
     if triggers:
         # The service would execute it, and could give its author any right.
         raise CannotMaintain(

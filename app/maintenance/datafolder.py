@@ -153,15 +153,15 @@ def check_same_version(settings: Settings, engine: Engine) -> None:
 
     Raises CannotMaintain if it is missing, or its schema has another version.
     """
-    revision, wanted = _revision(settings, engine), head_revision(migrations_dir())
+    revision, head = _revision(settings, engine), head_revision(migrations_dir())
     if revision is None:
         raise CannotMaintain(
             "there is no database of Unghost where the settings say (UNGHOST_DATA, "
             "UNGHOST_DATABASE_URL); start the service first"
         )
-    if revision != wanted:
+    if revision != head:
         raise CannotMaintain(
-            f"the database is at schema {revision}, this version needs {wanted}: run "
+            f"the database is at schema {revision}, this version needs {head}: run "
             "the service and its workers from the same version"
         )
 

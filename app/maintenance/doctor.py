@@ -166,15 +166,15 @@ def row_findings(
         "DATASET --config filter.yaml --activate`",
     )
     named = [f"dataset {name!r}: {number}" for name, number in wrong.items()]
-    found = _unless_none(counted, named, "they are those of the stored boxes")
-    yield replace(found, count=sum(wrong.values()))
+    finding = _unless_none(counted, named, "they are those of the stored boxes")
+    yield replace(finding, count=sum(wrong.values()))
 
 
 def _audit(missing: list[str], checks: RowChecks, noted: AuditMark | None) -> Finding:
     if noted is not None:
         first = checks.audit_mark(noted.entries)
         if first != noted:
-            found = (
+            summary = (
                 f"only {first.entries} of {noted.entries} entries are there"
                 if first.entries < noted.entries
                 else f"its first {noted.entries} entries are not those that were noted"
@@ -182,7 +182,7 @@ def _audit(missing: list[str], checks: RowChecks, noted: AuditMark | None) -> Fi
             return Finding(
                 "audit",
                 Severity.ERROR,
-                f"{found}: entries were removed or changed",
+                f"{summary}: entries were removed or changed",
                 "restore the backup with which they were noted into another folder, "
                 "and compare the tables audit_log",
                 1,
@@ -198,8 +198,8 @@ def _audit(missing: list[str], checks: RowChecks, noted: AuditMark | None) -> Fi
             tuple(missing),
         )
     mark = checks.audit_mark()
-    found = f"its triggers are there; later, compare with `--audit {mark}`"
-    return Finding("audit", Severity.OK, found, count=mark.entries)
+    summary = f"its triggers are there; later, compare with `--audit {mark}`"
+    return Finding("audit", Severity.OK, summary, count=mark.entries)
 
 
 def _folder(settings: Settings) -> Iterator[Finding]:
@@ -255,11 +255,13 @@ def _schema(revision: str | None) -> Finding:
     if revision == head:
         return Finding("schema", Severity.OK, f"at {revision}, as this version needs")
     if revision is None or not is_known(migrations_dir(), revision):
-        found = datafolder.newer(revision) if revision else "the database has no schema"
+        summary = (
+            datafolder.newer(revision) if revision else "the database has no schema"
+        )
         return Finding(
             "schema",
             Severity.ERROR,
-            found,
+            summary,
             "install the version that wrote it, or restore an older backup",
         )
     return Finding(
@@ -286,8 +288,8 @@ def file_findings(
             frames, exports = list(rows.of_frames()), list(rows.of_exports())
             at_work = rows.open_exports()
             there = {file.digest: file for file in store.files()}
-            asked = 1 if is_folder else TOGETHER
-            damaged = _damaged(store, there, steps, asked) if verify else None
+            at_once = 1 if is_folder else TOGETHER
+            damaged = _damaged(store, there, steps, at_once) if verify else None
             yield _of_rows("files", frames, there, damaged)
             yield _of_rows("exports", exports, there, damaged)
             used = {file.sha256 for file in (*frames, *exports)}
@@ -326,7 +328,7 @@ def _damaged(
     store: BlobStore,
     there: Mapping[str, StoredFile],
     steps: datafolder.Steps,
-    asked: int,
+    at_once: int,
 ) -> set[str]:
     """The names of files whose content does not match their hash.
 
@@ -343,7 +345,7 @@ def _damaged(
     names, damaged = sorted(there), set()
     with (
         steps("compare the files", "files") as advance,
-        ThreadPoolExecutor(asked) as pool,
+        ThreadPoolExecutor(at_once) as pool,
     ):
         verified = zip(names, pool.map(is_damaged, names), strict=True)
         for done, (name, is_bad) in enumerate(verified, 1):
@@ -355,15 +357,15 @@ def _damaged(
 
 def _of_rows(
     check: str,
-    wanted: Sequence[WantedFile],
+    files: Sequence[WantedFile],
     there: Mapping[str, StoredFile],
     damaged: set[str] | None,
 ) -> Finding:
     """A finding about the files of rows; `damaged` is None if none was read."""
-    missing = [file.sha256 for file in wanted if file.sha256 not in there]
+    missing = [file.sha256 for file in files if file.sha256 not in there]
     bad = [
         file.sha256
-        for file in wanted
+        for file in files
         if file.sha256 not in there
         or file.sha256 in (damaged or ())
         or file.size_bytes not in (None, there[file.sha256].size_bytes)
@@ -371,11 +373,11 @@ def _of_rows(
     if not bad:
         state = "exist and have the right size"
         state = state if damaged is None else "match their hashes"
-        return Finding(check, Severity.OK, f"all {state}", count=len(wanted))
+        return Finding(check, Severity.OK, f"all {state}", count=len(files))
     severity = Severity.ERROR if check == "files" else Severity.WARNING
     wrong = len(bad) - len(missing)
-    found = f"{len(missing)} of {len(wanted)} are missing, {wrong} are damaged"
-    finding = Finding(check, severity, found, _ADVICE[check])
+    summary = f"{len(missing)} of {len(files)} are missing, {wrong} are damaged"
+    finding = Finding(check, severity, summary, _ADVICE[check])
     return _unless_none(finding, bad, "")
 
 
@@ -383,8 +385,8 @@ def is_answering(engine: Engine) -> Finding:
     """Whether the database server responds."""
     reason = inspection.connection_fault(engine)
     if not reason:
-        found = f"PostgreSQL {inspection.version_of(engine)} answers"
-        return Finding("database", Severity.OK, found)
+        summary = f"PostgreSQL {inspection.version_of(engine)} answers"
+        return Finding("database", Severity.OK, summary)
     return Finding(
         "database",
         Severity.ERROR,

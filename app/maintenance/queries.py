@@ -1,5 +1,8 @@
-"""SQL for finding used and unused files, deleting the rows of unused ones, and for
-checking answers, counts and the audit log."""
+"""SQL for garbage collection and for checks of the database.
+
+It finds used and unused files, deletes the rows of unused ones, and checks answers,
+counts and the audit log.
+"""
 
 from __future__ import annotations
 

@@ -97,10 +97,10 @@ def _check_empty(data: Path) -> None:
     left = {datafolder.RESTORING, *locks, "lost+found"}
     if data.exists() and not data.is_dir():
         raise datafolder.CannotMaintain(f"{data} is not a folder")
-    found = [path.name for path in data.iterdir()] if data.is_dir() else []
+    names = [path.name for path in data.iterdir()] if data.is_dir() else []
     if _moved_only_files(data):
         left.add(BLOBS)
-    if {*found} - left:
+    if {*names} - left:
         raise datafolder.CannotMaintain(
             f"{data} is not empty; a backup is restored into an empty or new folder"
         )

@@ -102,13 +102,13 @@ class EvidenceRepository(Repository):
     def of_frames(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> dict[int, EvidenceRow]:
-        found: dict[int, EvidenceRow] = {}
+        evidence: dict[int, EvidenceRow] = {}
         connection = self._session.connection()
         for chunk in chunks(dict.fromkeys(frame_ids)):
             frames = {"measurement": measurement_id, "frames": chunk}
             for row in connection.execute(_OF_FRAMES, frames):
-                found[row[0]] = EvidenceRow(*row)
-        return found
+                evidence[row[0]] = EvidenceRow(*row)
+        return evidence
 
     def reports(
         self, frame_ids: Iterable[int], measurement_id: int
@@ -150,11 +150,11 @@ class EvidenceRepository(Repository):
     def numbers_of_frames(
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> list[NumbersRow]:
-        found: list[NumbersRow] = []
+        numbers: list[NumbersRow] = []
         for chunk in chunks(dict.fromkeys(frame_ids)):
             rows = _numbers(measurement_id).where(Frame.id.in_(chunk))
-            found += [NumbersRow(*row) for row in self._session.execute(rows)]
-        return found
+            numbers += [NumbersRow(*row) for row in self._session.execute(rows)]
+        return numbers
 
     def unmeasured_frames(
         self,
@@ -181,11 +181,11 @@ class EvidenceRepository(Repository):
 
         Only one transaction writes at a time: the result stays valid until the commit.
         """
-        found: set[int] = set()
+        lacking: set[int] = set()
         for chunk in chunks(frame_ids):
             rows = select(Frame.id).where(Frame.id.in_(chunk))
-            found.update(self._session.scalars(rows.where(~_covered(measurement_id))))
-        return found
+            lacking.update(self._session.scalars(rows.where(~_covered(measurement_id))))
+        return lacking
 
     def count_unmeasured(self, dataset_id: int, measurement_id: int) -> int:
         """How many frames `unmeasured_frames` would find."""

@@ -28,15 +28,15 @@ class Totals(Repository):
     def boxes_by_review(self) -> dict[str, int]:
         """Boxes that people answered on, by their answer."""
         rows = select(Tally.review, func.sum(Tally.boxes)).where(Tally.review != "")
-        found = self._session.execute(rows.group_by(Tally.review))
-        return {row[0]: int(row[1]) for row in found}
+        counts = self._session.execute(rows.group_by(Tally.review))
+        return {row[0]: int(row[1]) for row in counts}
 
     def jobs(self, tables: Iterable[type[JobRow]]) -> dict[tuple[str, str], int]:
         """Jobs by kind and state, including those that have ended."""
-        found: dict[tuple[str, str], int] = {}
+        counts: dict[tuple[str, str], int] = {}
         for table in tables:
             kind = table.job_kind
-            found |= {(kind, state): 0 for state in get_args(JobState)}
+            counts |= {(kind, state): 0 for state in get_args(JobState)}
             rows = (
                 select(table.state, func.count())
                 .join(Dataset, Dataset.id == table.dataset_id)
@@ -44,8 +44,8 @@ class Totals(Repository):
                 .group_by(table.state)
             )
             for state, count in self._session.execute(rows):
-                found[kind, state] = count
-        return found
+                counts[kind, state] = count
+        return counts
 
     def database_bytes(self) -> int:
         """The size of a PostgreSQL database."""

@@ -81,16 +81,16 @@ def _run_checks(context: ServiceContext) -> tuple[dict[str, str], list[Fault]]:
         "blobs": _storage_takes_files,
         "background": _background_tasks_succeed,
     }
-    found: dict[str, str] = {}
+    results: dict[str, str] = {}
     faults: list[Fault] = []
     for name, run in checks.items():
         try:
-            found[name] = run(context)
+            results[name] = run(context)
         except (TryLater, SQLAlchemyError, OSError) as exc:
             detail = _reason(exc)
             error_log.warning("not ready: %s: %s", name, detail)
             faults.append(_fault(name, detail))
-    return found, faults
+    return results, faults
 
 
 def _reason(exc: Exception) -> str:

@@ -96,8 +96,8 @@ class Connections:
                     "all %d connections are in use: idle ones are closed to make room",
                     self.most,
                 )
-            idle = (one for one in self._idle if one.is_quiet)
-            unknown = (one for one in self._open if not one.is_known)
+            idle = (other for other in self._idle if other.is_quiet)
+            unknown = (other for other in self._open if not other.is_known)
             giving_way = next(chain(idle, unknown), None)
             if giving_way is None:
                 self._refused.inc()
@@ -161,8 +161,8 @@ def raise_descriptor_limit() -> int | None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY:
         return None
-    for wanted in (_WANTED, _ALWAYS_ALLOWED):
-        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    for limit in (_WANTED, _ALWAYS_ALLOWED):
+        most = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
         if most <= soft:
             break
         try:

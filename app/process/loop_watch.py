@@ -68,13 +68,13 @@ class LoopWatch:
     def _watch(self, loop: asyncio.AbstractEventLoop, thread_id: int) -> None:
         with suppress(RuntimeError):  # the loop is closed
             while not self._over.wait(_EVERY_S):
-                answered, asked = threading.Event(), time.monotonic()
+                answered, asked_at = threading.Event(), time.monotonic()
                 loop.call_soon_threadsafe(answered.set)
                 if not answered.wait(LONGEST_S):
-                    self._wait_for(answered, asked, thread_id)
+                    self._wait_for(answered, asked_at, thread_id)
 
     def _wait_for(
-        self, answered: threading.Event, asked: float, thread_id: int
+        self, answered: threading.Event, asked_at: float, thread_id: int
     ) -> None:
         """Log what blocks the loop, and when it runs again."""
         self._is_blocked = True
@@ -90,7 +90,7 @@ class LoopWatch:
             if self._over.is_set():
                 return
         self._ended_at = time.monotonic()
-        self._lasted_s = self._ended_at - asked
+        self._lasted_s = self._ended_at - asked_at
         self._is_blocked = False
         LOOP_STALL_SECONDS.inc(self._lasted_s)
         server_log.warning("the event loop runs again after %.1f s", self._lasted_s)

@@ -172,8 +172,8 @@ class Work:
         with self._counting:
             self.running += 1
         try:
-            asked = kind, job_id, number
-            return work_in_worker(self._services, asked, installation)
+            place = kind, job_id, number
+            return work_in_worker(self._services, place, installation)
         finally:
             with self._counting:
                 self.running -= 1

@@ -37,8 +37,8 @@ def create_evaluation(
     caller: Reviewer, dataset: DatasetName, session: WriteSession, services: AppServices
 ) -> Response:
     """Measure every channel that the frames' files allow; verdicts do not change."""
-    found = DatasetRepository(session).named(dataset)
-    run = request_evaluation(services, session, found, caller.name)
+    dataset_row = DatasetRepository(session).named(dataset)
+    run = request_evaluation(services, session, dataset_row, caller.name)
     return accepted(described_run(services, session, run))
 
 
@@ -51,8 +51,8 @@ def get_evaluation(
     query: Annotated[wire.EvaluationQuery, Query()],
 ) -> wire.Evaluation:
     """Precision, recall and F1 of every measured channel, from stored numbers."""
-    found = DatasetRepository(session).named(dataset)
-    return evaluation(services, session, found, query.truth)
+    dataset_row = DatasetRepository(session).named(dataset)
+    return evaluation(services, session, dataset_row, query.truth)
 
 
 @evaluations_router.put("/datasets/{dataset}/experiment")
@@ -95,6 +95,6 @@ def get_quality(
     query: Annotated[wire.QualityQuery, Query()],
 ) -> wire.Quality:
     """The filter compared with people or instances, agreement, suggested thresholds."""
-    found = DatasetRepository(session).named(dataset)
-    asked = (query.truth, Goal(query.target, query.recall))
-    return quality(services, session, found, asked)
+    dataset_row = DatasetRepository(session).named(dataset)
+    truth_and_goal = (query.truth, Goal(query.target, query.recall))
+    return quality(services, session, dataset_row, truth_and_goal)

@@ -44,8 +44,8 @@ def request_evaluation(
     are measured by every channel, too.
     """
     _, config = coming_settings(session, dataset)
-    wanted = RunRequest(config, author, activate=True, channels=CHANNELS)
-    return request_run(context, session, dataset, wanted)
+    request = RunRequest(config, author, activate=True, channels=CHANNELS)
+    return request_run(context, session, dataset, request)
 
 
 def evaluation(
@@ -81,21 +81,21 @@ def _with_truth(
     whether their object is visible, (N,) bool: by its instance, or by the latest answer
     of a person.
     """
-    known = KnownTruth.of(session, dataset, truth)
+    known_truth = KnownTruth.of(session, dataset, truth)
     measurement = active_measurement(session, dataset)
     cache = context.one(ColumnCache)
     for (numbers,) in cache.parts(session, dataset.id, measurement.id):
-        yield numbers, *known.rows(numbers)
+        yield numbers, *known_truth.rows(numbers)
 
 
 def quality(
     context: ServiceContext,
     session: Session,
     dataset: Dataset,
-    asked: tuple[Truth, Goal],
+    truth_and_goal: tuple[Truth, Goal],
 ) -> wire.Quality:
     """The filter compared with the truth, and people compared with each other."""
-    truth, goal = asked
+    truth, goal = truth_and_goal
     config = active_config(session, dataset)
     total, parts = 0, []
     for numbers, rows, visible in _with_truth(context, session, dataset, truth):
@@ -211,7 +211,9 @@ class Panel:
                 reject=counts[who, "reject"],
                 unsure=counts[who, "unsure"],
             )
-            for who, total in sorted(totals.items(), key=lambda one: (-one[1], one[0]))
+            for who, total in sorted(
+                totals.items(), key=lambda pair: (-pair[1], pair[0])
+            )
         )
 
     def agreement(self) -> wire.Agreement:
@@ -223,16 +225,18 @@ class Panel:
         ]
         names = sorted({who for _, who, _ in decided})
         place = {name: index for index, name in enumerate(names)}
-        found = agreement(
+        panel_agreement = agreement(
             np.array([box for box, _, _ in decided], np.int64),
             np.array([place[who] for _, who, _ in decided], np.int64),
             np.array([keep for _, _, keep in decided], np.bool_),
         )
-        kappa = found.kappa
+        kappa = panel_agreement.kappa
         return wire.Agreement(
-            boxes=found.boxes,
-            agreed=found.agreed,
-            percent=100 * found.agreed / found.boxes if found.boxes else None,
+            boxes=panel_agreement.boxes,
+            agreed=panel_agreement.agreed,
+            percent=100 * panel_agreement.agreed / panel_agreement.boxes
+            if panel_agreement.boxes
+            else None,
             kappa=_value(kappa),
             interval=(kappa.low, kappa.high) if kappa else None,
             pairs=tuple(
@@ -243,7 +247,7 @@ class Panel:
                     agreed=pair.agreed,
                     kappa=_value(pair.kappa),
                 )
-                for pair in found.pairs
+                for pair in panel_agreement.pairs
             ),
         )
 

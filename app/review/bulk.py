@@ -32,43 +32,43 @@ from unghost.wire.boxes import MAX_COMMENT, BulkIn, ReviewBatch, UndoneBatch
 
 
 def review_many(
-    services: ServiceContext, audit: AuditTrail, given: BulkIn, by: Principal
+    services: ServiceContext, audit: AuditTrail, request: BulkIn, by: Principal
 ) -> ReviewBatch:
     """Store one answer on many boxes; the transaction of `audit` must not have begun.
 
     If it is the caller's latest answer on each of the boxes already, no box gets
     another one, and the bulk answer has none. Raises NotFound: there is no such
-    dataset; Unprocessable: `given` has neither `box_ids` nor `filter`, or both, or a
+    dataset; Unprocessable: `request` has neither `box_ids` nor `filter`, or both, or a
     wrong field for it; TooLarge: there are more boxes than one bulk answer may change;
-    CountChanged: there are more or fewer boxes than `given.expected_count`;
+    CountChanged: there are more or fewer boxes than `request.expected_count`;
     StaleSnapshot: the boxes of the filter have changed since the snapshot; StorageFull:
     there is too little disk space for so many answers; Forbidden: it clears answers of
     others, and the caller is not an admin; Conflict: ``too_many_answers`` on one of the
     boxes, see `require_place`.
     """
     try:
-        chosen = _choose(services, given, by)
+        chosen = _choose(services, request, by)
     finally:
         # Also after an error: a repeated request finds its boxes changed by the first
         # one, and beginning the transaction then raises `RepeatedRequest` instead.
         begin_as_work(audit.session)
-    _require_room(services, chosen.to_answer, len(given.comment.encode()))
+    _require_room(services, chosen.to_answer, len(request.comment.encode()))
     most = services.settings.max_answers_per_box
     require_place(ReviewRepository(audit.session), chosen.boxes, audit.name, most)
-    dataset = DatasetRepository(audit.session).named(given.dataset)
+    dataset = DatasetRepository(audit.session).named(request.dataset)
     attempt = audit.session.begin_nested()
-    stored = _store(audit, dataset, given, chosen)
+    stored = _store(audit, dataset, request, chosen)
     left = len(stored.skipped) + len(stored.stale)
-    if given.filter is not None and (left or dataset.active_run_id != chosen.run_id):
+    if request.filter is not None and (left or dataset.active_run_id != chosen.run_id):
         # Without the answers that were just stored, the filter is selected once more:
         # this raises StaleSnapshot with the numbers of what others have changed.
         attempt.rollback()
-        _boxes_of_filter(services, audit.session, dataset, given)
+        _boxes_of_filter(services, audit.session, dataset, request)
         raise StaleSnapshot(
             expected=chosen.number,
             found=chosen.number,
             changed=left,
-            current={"total": chosen.number, "snapshot": given.snapshot},
+            current={"total": chosen.number, "snapshot": request.snapshot},
         )
     attempt.commit()
     if chosen.repeated:
@@ -77,11 +77,11 @@ def review_many(
         AuditAction.ANSWERS_GIVEN,
         stored.id,
         dataset=dataset.name,
-        verdict=given.verdict,
+        verdict=request.verdict,
         answers=stored.count,
         skipped=left,
-        **({} if given.looked_at is None else {"looked_at": given.looked_at}),
-        **({"of_others": chosen.of_others} if given.verdict == "clear" else {}),
+        **({} if request.looked_at is None else {"looked_at": request.looked_at}),
+        **({"of_others": chosen.of_others} if request.verdict == "clear" else {}),
     )
     return stored
 
@@ -127,28 +127,28 @@ class _ChosenBoxes:
         return self.to_answer + self.repeated + left
 
 
-def _choose(services: ServiceContext, given: BulkIn, by: Principal) -> _ChosenBoxes:
+def _choose(services: ServiceContext, request: BulkIn, by: Principal) -> _ChosenBoxes:
     """The boxes that a request selects, as far as they are as the person saw them."""
     with services.database.read() as session:
-        dataset = DatasetRepository(session).named(given.dataset)
-        if (given.box_ids is None) == (given.filter is None):
+        dataset = DatasetRepository(session).named(request.dataset)
+        if (request.box_ids is None) == (request.filter is None):
             raise Unprocessable(
                 "expected either box_ids or filter, found both or neither"
             )
-        if given.box_ids is None:
+        if request.box_ids is None:
             what = "the filter selects"
-            chosen = _boxes_of_filter(services, session, dataset, given)
+            chosen = _boxes_of_filter(services, session, dataset, request)
         else:
             what = "box_ids lists"
             limit = services.settings.max_bulk_boxes
-            chosen = _listed_boxes(session, dataset, given, limit)
-        expected = given.expected_count
+            chosen = _listed_boxes(session, dataset, request, limit)
+        expected = request.expected_count
         if expected is not None and expected != chosen.number:
             raise CountChanged(what, found=chosen.number, expected=expected)
         reviews, action = ReviewRepository(session), f"clearing {chosen.number} boxes"
-        if reviews.repeats(chosen.boxes, given.verdict, given.comment, by.name):
+        if reviews.repeats(chosen.boxes, request.verdict, request.comment, by.name):
             return replace(chosen, boxes=[], repeated=chosen.to_answer)
-        if given.verdict != "clear":
+        if request.verdict != "clear":
             return chosen
         # Boxes that others answer from here on have another revision, and are left out.
         of_others = require_own_cleared(reviews, chosen.boxes, by, action)
@@ -156,17 +156,17 @@ def _choose(services: ServiceContext, given: BulkIn, by: Principal) -> _ChosenBo
 
 
 def _boxes_of_filter(
-    services: ServiceContext, session: Session, dataset: Dataset, given: BulkIn
+    services: ServiceContext, session: Session, dataset: Dataset, request: BulkIn
 ) -> _ChosenBoxes:
     """All boxes of the filter; StaleSnapshot if they are not as in the snapshot."""
-    assert given.filter is not None
-    if given.snapshot is None or given.seen_revisions is not None:
+    assert request.filter is not None
+    if request.snapshot is None or request.seen_revisions is not None:
         raise Unprocessable(
             "expected a filter with snapshot, which a list of its boxes contains "
             "together with total for count=true, found it without snapshot or with "
             "seen_revisions"
         )
-    ids = select_boxes(services, session, dataset, given.filter, given.snapshot)
+    ids = select_boxes(services, session, dataset, request.filter, request.snapshot)
     alike: dict[int, list[int]] = {}
     for state in ReviewRepository(session).states(dataset.id, ids):
         alike.setdefault(state.revision, []).append(state.box_id)
@@ -174,19 +174,19 @@ def _boxes_of_filter(
 
 
 def _listed_boxes(
-    session: Session, dataset: Dataset, given: BulkIn, limit: int
+    session: Session, dataset: Dataset, request: BulkIn, limit: int
 ) -> _ChosenBoxes:
     """The boxes of `box_ids`, each once, and which have changed since they were seen.
 
     Without `seen_revisions`, only boxes without an answer are to be answered.
     """
-    assert given.box_ids is not None
-    if given.snapshot is not None:
+    assert request.box_ids is not None
+    if request.snapshot is not None:
         raise Unprocessable(
             "expected box_ids with seen_revisions, found them with snapshot, which "
             "belongs to a filter"
         )
-    ids, seen = given.box_ids, given.seen_revisions
+    ids, seen = request.box_ids, request.seen_revisions
     if seen is None:
         revision_of: dict[int, int | None] = dict.fromkeys(ids)
     else:
@@ -231,13 +231,13 @@ def _seen(alike: dict[int, list[int]]) -> list[SeenBoxes]:
 
 
 def _store(
-    audit: AuditTrail, dataset: Dataset, given: BulkIn, chosen: _ChosenBoxes
+    audit: AuditTrail, dataset: Dataset, request: BulkIn, chosen: _ChosenBoxes
 ) -> ReviewBatch:
     """Store the answer on those of the chosen boxes that have not changed meanwhile."""
-    session, verdict = audit.session, given.verdict
+    session, verdict = audit.session, request.verdict
     batches, reviews = ReviewBatches(session), ReviewRepository(session)
-    batch = batches.add(dataset.id, verdict, audit.name, looked_at=given.looked_at)
-    answered = reviews.answer_boxes(batch, given.comment, chosen.boxes)
+    batch = batches.add(dataset.id, verdict, audit.name, looked_at=request.looked_at)
+    answered = reviews.answer_boxes(batch, request.comment, chosen.boxes)
     once_committed(session, lambda: REVIEWS.labels(verdict).inc(answered))
     gone: set[int] = set()
     stale: set[int] = set()

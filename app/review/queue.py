@@ -40,15 +40,15 @@ _Queue: TypeAlias = "list[tuple[BoxFilter, int]]"
 
 
 def remaining_boxes(
-    context: ServiceContext, name: str, reviewer: str, wanted: QueueIn
+    context: ServiceContext, name: str, reviewer: str, request: QueueIn
 ) -> _Queue:
     """The parts of a queue and their sizes, counted before waiting to write."""
-    selection = wanted.filters
+    selection = request.filters
     if not (selection.review or selection.conflict):
         # Undecided boxes, or decided ones for an audit. Without any filter, orders that
         # are not samples have the boxes to ask about.
-        review = "decided" if wanted.order == "audit" else "undecided"
-        asks = wanted.order in ("doubt", "class") and not filters_of(selection)
+        review = "decided" if request.order == "audit" else "undecided"
+        asks = request.order in ("doubt", "class") and not filters_of(selection)
         bin_ = Bin.ASK.label if asks else selection.bin
         selection = selection.model_copy(update={"review": review, "bin": bin_})
     with context.database.read() as session:
@@ -56,14 +56,14 @@ def remaining_boxes(
         parts = [to_filter(session, dataset, selection)]
         if selection.review == "undecided":  # boxes answered `unsure` come last
             parts = [replace(parts[0], review=state) for state in ("none", "unsure")]
-        if wanted.order == "audit":
+        if request.order == "audit":
             parts = [replace(part, not_by=reviewer) for part in parts]
             return [(part, BoxProbes(session).count(part)) for part in parts]
         return [(part, count_boxes(context, session, dataset, part)) for part in parts]
 
 
 def next_boxes(
-    session: Session, dataset: Dataset, reviewer: str, wanted: QueueIn, queue: _Queue
+    session: Session, dataset: Dataset, reviewer: str, request: QueueIn, queue: _Queue
 ) -> dict[str, object]:
     """Claim the next boxes for this reviewer; returns them with the queue's counts.
 
@@ -80,22 +80,22 @@ def next_boxes(
     ids: list[int] = []
     for part, boxes in queue:
         order = QueueOrder(
-            name=wanted.order,
-            seed=str(dataset.id if wanted.seed is None else wanted.seed),
-            limit=wanted.limit - len(ids),
-            blocked={*wanted.exclude, *theirs},
+            name=request.order,
+            seed=str(dataset.id if request.seed is None else request.seed),
+            limit=request.limit - len(ids),
+            blocked={*request.exclude, *theirs},
             expected=min(boxes, count_in_tallies(tallies, part)),
         )
         ids += boxes_in_order(session, part, tallies, order)
     own = held.keys() - theirs
-    in_hand = [box_id for box_id in reversed(wanted.exclude) if box_id in own]
+    in_hand = [box_id for box_id in reversed(request.exclude) if box_id in own]
     renewed = list(dict.fromkeys([*ids, *in_hand]))[:MOST_CLAIMS]
     left = own.difference(renewed)
     newest_first = [box_id for box_id in held if box_id in left]
     claims.end(newest_first[MOST_CLAIMS - len(renewed) :])
     expires_at = now + CLAIM
     claims.renew(renewed, expires_at)
-    choices = _choices(session, dataset, wanted, queue[0][0], ids)
+    choices = _choices(session, dataset, request, queue[0][0], ids)
     claims.hold(dataset.id, reviewer, expires_at, choices)
     claim = {"expires_at": rfc3339(expires_at)}
     probes, reader = BoxProbes(session), DecisionReader(session, dataset)
@@ -115,13 +115,13 @@ def next_boxes(
 def _choices(
     session: Session,
     dataset: Dataset,
-    wanted: QueueIn,
+    request: QueueIn,
     part: BoxFilter,
     box_ids: Sequence[int],
 ) -> dict[int, Choice]:
     """How each of these boxes was chosen; `part` is the first of the queue."""
-    filters = wanted.filters.model_dump_json(exclude_none=True, by_alias=True)
-    choice = Choice(wanted.order, filters, None)
+    filters = request.filters.model_dump_json(exclude_none=True, by_alias=True)
+    choice = Choice(request.order, filters, None)
     of_classes = BoxFilter(
         part.dataset_id,
         reasons=part.reasons,
@@ -133,7 +133,7 @@ def _choices(
     has_all = part == of_classes and judged.issubset(part.reasons or judged)
     # If the queue has every unanswered box of its classes that people can judge, those
     # that come up to any place of the random order are a sample of these.
-    if wanted.order != "random" or wanted.seed is not None or not has_all:
+    if request.order != "random" or request.seed is not None or not has_all:
         return dict.fromkeys(box_ids, choice)
     shuffle = shuffle_of(session, dataset.id)
     shares = shuffle.shares_of(np.array(box_ids, np.int64)).tolist() if shuffle else []
@@ -173,20 +173,22 @@ _Tallies: TypeAlias = Mapping[TallyKey, int]
 
 
 def boxes_in_order(
-    session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
+    session: Session, box_filter: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> list[int]:
     """The first boxes of the filter that are not blocked."""
     if not order.limit or not order.expected:
         return []
     if order.name in ("random", "audit"):
-        return _shuffled(session, wanted, tallies, order)
-    parts = [wanted]
+        return _shuffled(session, box_filter, tallies, order)
+    parts = [box_filter]
     if order.name == "class":
         occurring = {key.class_id for key in tallies}
-        if wanted.class_ids is not None:
-            occurring &= {*wanted.class_ids}
-        ids = [each.class_id for each in wanted.thresholds]
-        parts = [replace(wanted, class_ids=(id_,)) for id_ in ids if id_ in occurring]
+        if box_filter.class_ids is not None:
+            occurring &= {*box_filter.class_ids}
+        ids = [each.class_id for each in box_filter.thresholds]
+        parts = [
+            replace(box_filter, class_ids=(id_,)) for id_ in ids if id_ in occurring
+        ]
     free = (
         box_id
         for part in parts
@@ -197,11 +199,11 @@ def boxes_in_order(
 
 
 def _by_doubt(
-    session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
+    session: Session, box_filter: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> Iterator[int]:
     # Boxes answered `unsure` are rare, and have an index of their own, by id.
-    sort = "id" if wanted.review == "unsure" else "doubt"
-    pages = BoxPages(session, wanted, tallies, order.expected)
+    sort = "id" if box_filter.review == "unsure" else "doubt"
+    pages = BoxPages(session, box_filter, tallies, order.expected)
     cursor: str | None = ""
     while cursor is not None:
         ids, cursor = pages.page(sort, cursor, order.limit + 10)
@@ -209,28 +211,28 @@ def _by_doubt(
 
 
 def _shuffled(
-    session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
+    session: Session, box_filter: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> list[int]:
     probes = BoxProbes(session)
-    span = probes.span(wanted.dataset_id, {key.class_id for key in tallies})
+    span = probes.span(box_filter.dataset_id, {key.class_id for key in tallies})
     if span is None:
         return []
     shuffle = Shuffle(*span, order.seed, order.half_bits)
     most = min(MAX_PLACES, PLACES_PER_BOX * order.expected)
     likely = order.limit * shuffle.places // order.expected
     if likely <= most:  # look up one slice after the other, in random order
-        found: list[int] = []
-        asked = 0
+        box_ids: list[int] = []
+        lookups = 0
         for part in shuffle.slices(FIRST_SLICE, 4, MAX_SLICE, most):
             free = [box_id for box_id in part if box_id not in order.blocked]
-            found += probes.selected(wanted, free)
-            asked += len(free)
-            if len(found) >= order.limit:
-                return found[: order.limit]
-            if asked > MAX_PROBES:
+            box_ids += probes.selected(box_filter, free)
+            lookups += len(free)
+            if len(box_ids) >= order.limit:
+                return box_ids[: order.limit]
+            if lookups > MAX_PROBES:
                 break
     # The filter selects so few boxes that reading all of them is faster.
-    every = probes.every(wanted)
+    every = probes.every(box_filter)
     in_order = every[np.argsort(shuffle.places_of(every))].tolist()
     unclaimed = (box_id for box_id in in_order if box_id not in order.blocked)
     return list(islice(unclaimed, order.limit))

@@ -57,8 +57,8 @@ def take_from_queue(
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
     queue = remaining_boxes(services, dataset, caller.name, body)
-    found = DatasetRepository(session).named(dataset)
-    boxes = next_boxes(session, found, caller.name, body, queue)
+    dataset_row = DatasetRepository(session).named(dataset)
+    boxes = next_boxes(session, dataset_row, caller.name, body, queue)
     # no-store: a repeated request may get other boxes, so its response is not kept.
     return json_response(boxes, headers=NO_STORE)
 
@@ -66,8 +66,8 @@ def take_from_queue(
 @queue_router.get("/datasets/{dataset}/coached", response_model=wire.Coached)
 def get_coached(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """The boxes by which the caller learns to answer; their truth is known."""
-    found = DatasetRepository(session).named(dataset)
-    return json_response({"items": coached_boxes(session, found, caller.name)})
+    dataset_row = DatasetRepository(session).named(dataset)
+    return json_response({"items": coached_boxes(session, dataset_row, caller.name)})
 
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")
@@ -160,6 +160,6 @@ def import_reviews(
     They are marked as imported by the caller.
     """
     require_room_to_answer(services, audit.session)
-    found = DatasetRepository(audit.session).named(dataset)
-    outcome = import_answers(audit, found, body)
+    dataset_row = DatasetRepository(audit.session).named(dataset)
+    outcome = import_answers(audit, dataset_row, body)
     return commit_and_respond(audit.session, json_response(outcome))

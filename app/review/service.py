@@ -49,7 +49,7 @@ from unghost.wire import boxes as wire
 
 
 def review_box(
-    audit: AuditTrail, box_id: int, given: wire.ReviewIn, by: Principal, *, most: int
+    audit: AuditTrail, box_id: int, request: wire.ReviewIn, by: Principal, *, most: int
 ) -> wire.Review:
     """Store an answer on a box; `most` is how many a person may give on one box.
 
@@ -64,10 +64,10 @@ def review_box(
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
     answer = NewAnswer(
-        *(box.dataset_id, given.verdict, given.comment, by.name, utc_now()),
-        looked_ms=given.looked_ms,
+        *(box.dataset_id, request.verdict, request.comment, by.name, utc_now()),
+        looked_ms=request.looked_ms,
     )
-    if box.revision == given.seen_revision:
+    if box.revision == request.seen_revision:
         same = reviews.same_answer(box, answer)
         if same is not None:
             reviews.end_claim(box_id)
@@ -77,11 +77,11 @@ def review_box(
         require_place(reviews, seen, by.name, most)
         if answer.verdict == "clear":
             of_others = require_own_cleared(reviews, seen, by, f"clearing box {box_id}")
-    if not reviews.answer_box(box_id, given.seen_revision, answer):
+    if not reviews.answer_box(box_id, request.seen_revision, answer):
         newest = LatestAnswers(session).of([box_id]).get(box_id)
         raise StaleReview(
             box_id=box_id,
-            seen=given.seen_revision,
+            seen=request.seen_revision,
             found=0 if newest is None else newest.revision,
             current=describe_box(session, box_id),
         )
@@ -90,11 +90,11 @@ def review_box(
             AuditAction.ANSWER_CLEARED,
             box_id,
             dataset=DatasetRepository(session).with_id(box.dataset_id).name,
-            revision=given.seen_revision + 1,
+            revision=request.seen_revision + 1,
             of_others=of_others,
         )
     once_committed(session, lambda: REVIEWS.labels(answer.verdict).inc())
-    return _stored(box, answer, given.seen_revision + 1)
+    return _stored(box, answer, request.seen_revision + 1)
 
 
 def undo_answer(

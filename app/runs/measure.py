@@ -103,14 +103,14 @@ class _RunChunk:
         dataset = datasets.with_id(scope.dataset_id)
         former_id = filled(dataset.active_measurement_id)
         former = evidence.measurement_with_id(former_id)
-        wanted = evidence.measurement_with_id(scope.measurement_id)
+        measurement = evidence.measurement_with_id(scope.measurement_id)
         return cls(
             scope=scope,
             is_one_by_one=row is not None and is_one_by_one(task, row),
             missing=missing,
-            plan=plan_of(wanted, scope.config),
+            plan=plan_of(measurement, scope.config),
             classes=datasets.classes(scope.dataset_id),
-            needs_pixels=former.pixel_digest != wanted.pixel_digest,
+            needs_pixels=former.pixel_digest != measurement.pixel_digest,
             frames=FrameRepository(session).with_ids(missing, annotation=True),
             files=FrameRepository(session).files(missing),
             former=evidence.of_frames(missing, former_id),

@@ -95,12 +95,12 @@ configs_router = ApiRouter(prefix="/api/v1", tag="configs")
     "/datasets/{dataset}/configs", response_model=Page[wire.ConfigVersion]
 )
 def list_configs(
-    caller: Viewer, dataset: DatasetName, wanted: pages.Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, query: pages.Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
-    found = DatasetRepository(session).named(dataset)
-    rows = newest(session, tables.ConfigVersion, found.id, wanted.page)
-    return wanted.response(rows, lambda version: describe_version(found, version))
+    dataset_row = DatasetRepository(session).named(dataset)
+    rows = newest(session, tables.ConfigVersion, dataset_row.id, query.page)
+    return query.response(rows, lambda version: describe_version(dataset_row, version))
 
 
 @configs_router.post(
@@ -119,17 +119,17 @@ def create_config(
 ) -> Response:
     """Store a version; it has no effect until a run applies it."""
     require_room_to_write(services, session)
-    found = DatasetRepository(session).named(dataset)
+    dataset_row = DatasetRepository(session).named(dataset)
     version, created = add_version(
         session,
-        found,
-        body.after(active_config(session, found)),
+        dataset_row,
+        body.after(active_config(session, dataset_row)),
         author=caller.name,
         unused_keys=body.unused_keys,
     )
     where = {"Location": f"/api/v1/configs/{version.digest}"}
     return pages.json_response(
-        describe_version(found, version), 201 if created else 200, where
+        describe_version(dataset_row, version), 201 if created else 200, where
     )
 
 
@@ -150,8 +150,8 @@ def get_active_config(
     caller: Viewer, dataset: DatasetName, session: ReadSession, response: Response
 ) -> wire.ConfigVersion:
     """The active version, by which boxes are decided now; its `ETag` is the digest."""
-    found = DatasetRepository(session).named(dataset)
-    version = describe_version(found, active_version(session, found))
+    dataset_row = DatasetRepository(session).named(dataset)
+    version = describe_version(dataset_row, active_version(session, dataset_row))
     response.headers["ETag"] = f'"{version.digest}"'
     return version
 
@@ -181,7 +181,7 @@ def activate_config(
 
     If the last open run will do that already, this returns it.
     """
-    found = DatasetRepository(session).named(dataset)
+    dataset_row = DatasetRepository(session).named(dataset)
     digest = body.digest
     if digest is None:
         config = body.config
@@ -189,26 +189,28 @@ def activate_config(
         loaded = load_config(source or "")
         version, _ = add_version(
             session,
-            found,
-            loaded.after(active_config(session, found)),
+            dataset_row,
+            loaded.after(active_config(session, dataset_row)),
             author=audit.name,
             unused_keys=loaded.unused_keys,
         )
         digest = version.digest
-    run = runs.run_activating(session, found, digest)
+    run = runs.run_activating(session, dataset_row, digest)
     if run is None:
         if if_match is not None:
-            coming = runs.coming_version(session, found)
+            coming = runs.coming_version(session, dataset_row)
             tags = [tag.strip() for tag in if_match.split(",")]
             if if_match.strip() != "*" and f'"{coming.digest}"' not in tags:
                 raise StaleConfig(
                     f"configuration {coming.digest[:12]} of {coming.created_by!r} is "
                     f"or becomes the active one of dataset {dataset!r}, expected "
                     f"{if_match}",
-                    current=describe_version(found, coming).model_dump(mode="json"),
+                    current=describe_version(dataset_row, coming).model_dump(
+                        mode="json"
+                    ),
                 )
-        wanted = runs.RunRequest(digest, audit.name, activate=True)
-        run = runs.request_run(services, session, found, wanted)
+        request = runs.RunRequest(digest, audit.name, activate=True)
+        run = runs.request_run(services, session, dataset_row, request)
         made = {"config": digest, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
     return pages.accepted(runs.described_run(services, session, run))
@@ -223,10 +225,10 @@ def preview_config(
     services: AppServices,
 ) -> wire.Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
-    found = DatasetRepository(session).named(dataset)
-    config = load_config(body.config.root).after(active_config(session, found))
+    dataset_row = DatasetRepository(session).named(dataset)
+    config = load_config(body.config.root).after(active_config(session, dataset_row))
     limits = PreviewLimits(body.limit, body.bins, body.truth)
-    return preview(services, session, found, config, limits)
+    return preview(services, session, dataset_row, config, limits)
 
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
@@ -241,28 +243,28 @@ State = Annotated[
 def list_runs(
     caller: Viewer,
     dataset: DatasetName,
-    wanted: pages.Newest,
+    query: pages.Newest,
     session: ReadSession,
     services: AppServices,
     state: State = None,
 ) -> Response:
     """Runs of a dataset, newest first."""
-    found = DatasetRepository(session).named(dataset)
-    rows = RunRepository(session).page(wanted.page, state, found.id)
-    return wanted.response(rows, runs.describing_runs(services, session, rows))
+    dataset_row = DatasetRepository(session).named(dataset)
+    rows = RunRepository(session).page(query.page, state, dataset_row.id)
+    return query.response(rows, runs.describing_runs(services, session, rows))
 
 
 @router.get("/runs", response_model=Page[wire.Run])
 def list_all_runs(
     caller: Viewer,
-    wanted: pages.Newest,
+    query: pages.Newest,
     session: ReadSession,
     services: AppServices,
     state: State = None,
 ) -> Response:
     """Runs of all datasets, newest first."""
-    rows = RunRepository(session).page(wanted.page, state)
-    return wanted.response(rows, runs.describing_runs(services, session, rows))
+    rows = RunRepository(session).page(query.page, state)
+    return query.response(rows, runs.describing_runs(services, session, rows))
 
 
 @router.post("/datasets/{dataset}/runs", status_code=202, response_model=wire.Run)
@@ -275,17 +277,17 @@ def create_run(
     audit: Audited,
 ) -> Response:
     """Decide again from numbers, or measure again, as the configuration needs."""
-    found = DatasetRepository(session).named(dataset)
+    dataset_row = DatasetRepository(session).named(dataset)
     config = body.config
-    wanted = runs.RunRequest(
+    request = runs.RunRequest(
         config
         if isinstance(config, str)
-        else load_config(config.root).after(active_config(session, found)),
+        else load_config(config.root).after(active_config(session, dataset_row)),
         audit.name,
         activate=body.activate,
         measure_again=body.measure_again,
     )
-    run = runs.request_run(services, session, found, wanted)
+    run = runs.request_run(services, session, dataset_row, request)
     described = runs.described_run(services, session, run)
     if run.activate:
         activated = {"config": described.config, "run": run.id}

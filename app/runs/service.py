@@ -58,20 +58,22 @@ class RunRequest:
 
 
 def request_run(
-    context: ServiceContext, session: Session, dataset: Dataset, wanted: RunRequest
+    context: ServiceContext, session: Session, dataset: Dataset, request: RunRequest
 ) -> Run:
     """Queue a run; it starts when the transaction is committed."""
-    if isinstance(wanted.config, FilterConfig):
-        version, _ = add_version(session, dataset, wanted.config, author=wanted.author)
+    if isinstance(request.config, FilterConfig):
+        version, _ = add_version(
+            session, dataset, request.config, author=request.author
+        )
     else:
-        named = ConfigRepository(session).find(dataset.id, wanted.config)
+        named = ConfigRepository(session).find(dataset.id, request.config)
         if named is None:
-            raise NotFound("config", wanted.config)
+            raise NotFound("config", request.config)
         version = named
     config = config_of(version)
-    reading = wanted.reading or coming_settings(session, dataset)[0]
-    plan = plan_for(reading, config).with_channels(wanted.channels)
-    if not wanted.measure_again:
+    reading = request.reading or coming_settings(session, dataset)[0]
+    plan = plan_for(reading, config).with_channels(request.channels)
+    if not request.measure_again:
         stored = version_of(_coming_measurement(session, dataset))
         plan = in_version(session, dataset, plan, stored)
     measurement = measurement_for(session, dataset, reading, plan)
@@ -81,10 +83,10 @@ def request_run(
         measurement_id=measurement.id,
         previous_run_id=dataset.active_run_id,
         kind="measure" if needs_pixels(session, dataset, plan) else "decide",
-        activate=wanted.activate,
+        activate=request.activate,
         total=FrameRepository(session).count(dataset.id),
         counts={},
-        created_by=wanted.author,
+        created_by=request.author,
     )
     queue_job(context, session, run)
     return run

@@ -173,15 +173,15 @@ class S3Storage(base.BlobStore):
 
     def make_sure(self, digests: Iterable[str]) -> None:
         """Look up blobs; raises TryLater if one was removed since it was put."""
-        asked, begun = list(digests), time.monotonic()
-        if not all(self._asks.map(self._find, asked)):
+        digest_list, begun = list(digests), time.monotonic()
+        if not all(self._asks.map(self._find, digest_list)):
             raise TryLater("a file was deleted meanwhile; send the frame again")
-        for digest in asked:
+        for digest in digest_list:
             self._recent.add(digest, begun)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
-        sizes = {digest: file.size_bytes for digest, file in found if file}
+        files = zip(blobs, self._asks.map(self._find, blobs), strict=True)
+        sizes = {digest: file.size_bytes for digest, file in files if file}
         lost = {
             digest: data
             for digest, data in blobs.items()
@@ -215,11 +215,11 @@ class S3Storage(base.BlobStore):
         """All blobs below the prefix, in the order of their keys."""
         with translated():
             for some in self._store.list(chunk_size=1000):
-                for found in some:
-                    blob = _BLOB.fullmatch(found["path"])
+                for entry in some:
+                    blob = _BLOB.fullmatch(entry["path"])
                     if blob is not None:
-                        changed_at = found["last_modified"].timestamp()
-                        yield base.StoredFile(blob[1], found["size"], changed_at)
+                        changed_at = entry["last_modified"].timestamp()
+                        yield base.StoredFile(blob[1], entry["size"], changed_at)
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
         """Unfinished exports on this machine, each with the time of its last change."""
@@ -251,20 +251,20 @@ class S3Storage(base.BlobStore):
     def _find(self, digest: str) -> base.StoredFile | None:
         try:
             with translated(absent=True):
-                found = self._store.head(base.place_of(digest))
+                entry = self._store.head(base.place_of(digest))
         except FileNotFoundError:
             return None
-        changed_at = found["last_modified"].timestamp()
-        return base.StoredFile(digest, found["size"], changed_at)
+        changed_at = entry["last_modified"].timestamp()
+        return base.StoredFile(digest, entry["size"], changed_at)
 
     def _remove(self, digest: str, *, until: float) -> int | None:
-        found = self._find(digest)
-        if found is None or found.modified_at + CLOCK_STEP_S > until:
+        file = self._find(digest)
+        if file is None or file.modified_at + CLOCK_STEP_S > until:
             return None
         self._recent.discard(digest)
         with suppress(FileNotFoundError), translated(absent=True):
             self._store.delete(base.place_of(digest))
-        return found.size_bytes
+        return file.size_bytes
 
     def _missing(self, digest: str) -> AppError:
         """The error for a missing blob: StorageAway if the whole bucket is missing."""

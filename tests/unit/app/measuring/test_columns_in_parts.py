@@ -83,8 +83,8 @@ COMPUTATIONS: Mapping[str, Callable[..., Any]] = {
     "histogram": partial(current_histogram, bins=20),
     "evaluation by instances": partial(evaluation, truth="instances"),
     "evaluation by people": partial(evaluation, truth="people"),
-    "quality by instances": partial(quality, asked=("instances", Goal())),
-    "quality by people": partial(quality, asked=("people", Goal())),
+    "quality by instances": partial(quality, truth_and_goal=("instances", Goal())),
+    "quality by people": partial(quality, truth_and_goal=("people", Goal())),
 }
 
 
