@@ -320,7 +320,16 @@ def _shown(
     return wire.FolderInspection(
         why=inspection.why,
         remarks=tuple(
-            wire.FolderRemark.model_validate(remark, from_attributes=True)
+            wire.FolderRemark(
+                text=remark.text,
+                finding=remark.finding,
+                remedies=tuple(
+                    wire.FolderRemedy(place=place, value=value)
+                    for place, value in remark.remedies
+                ),
+                unknown_classes=remark.unknown_classes,
+                is_serious=remark.is_serious,
+            )
             for remark in remarks_on(inspection)
         ),
         facts=tuple(
