@@ -47,7 +47,7 @@ from app.context import ServiceContext
 from app.db.base import existing, filled
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
-from app.errors import NoSuchFile, NotFound
+from app.errors import DamagedFile, NoSuchFile, NotFound
 from app.measuring.queries import EvidenceRepository
 from app.security import Principal
 from app.storage.base import BlobStore
@@ -387,7 +387,7 @@ def crops_of(
         content = io.BytesIO()
         with tarfile.open(fileobj=content, mode="w") as archive:
             for words, drawing in drawings.items():
-                with suppress(FilterError):
+                with suppress(FilterError, DamagedFile):
                     picture = b""
                     if drawing is not None:
                         picture = drawing.content(pool, cancelled, folder)

@@ -63,8 +63,8 @@ def boxes_alike(session: Session, box_id: int) -> dict[str, object]:
     probable = [box for box in alike if _is_nearly(box, like)]
     others = [box for box in alike if not _is_nearly(box, like)]
     items = [*probable, *others][:_MOST_ALIKE]
-    are_probable = min(len(probable), len(items))
-    return {"items": items, "total": len(alike), "probable": are_probable}
+    shown_probable = min(len(probable), len(items))
+    return {"items": items, "total": len(alike), "probable": shown_probable}
 
 
 def _hider(decision: StoredDecision) -> str | None:

@@ -17,7 +17,7 @@ from app.access.gate import Audited
 from app.boxes import frames
 from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
-from app.boxes.drawing import PICTURES, Drawing, DrawnPictures
+from app.boxes.drawing import PICTURES, TAR, Drawing, DrawnPictures
 from app.boxes.filter import filters_of, to_filter
 from app.boxes.queries import FrameRepository, PageRequest
 from app.boxes.related import boxes_alike, track_of
@@ -202,7 +202,7 @@ def _named(fields: str, allowed: Sequence[str]) -> tuple[str, ...]:
 @router.get(
     "/boxes/crops",
     response_class=Response,
-    responses=files.picture_of("application/x-tar"),
+    responses=files.picture_of(TAR),
     openapi_extra=files.TAGGED,
 )
 async def get_crops(

@@ -2,7 +2,7 @@
 
 Before a body is read, it checks the caller's role, the size of the body, the query
 parameters and the media type. Once the body is there, the request waits until its
-token has a free place; uploads read it then.
+token has a free place; routes for large bodies do both themselves.
 A POST with an Idempotency-Key is passed on to `app.http.transaction`, where the
 transaction of a route that writes is described.
 """

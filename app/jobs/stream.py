@@ -105,13 +105,13 @@ class EventStream(StreamingResponse):
 
 
 async def _lines(
-    request: Request, events: AsyncGenerator[events.JobEvent | None, None]
+    request: Request, stream: AsyncGenerator[events.JobEvent | None, None]
 ) -> AsyncIterator[bytes]:
     pause = settings_of(request).event_heartbeat_s
     checked = sent = time.monotonic()
     yield _RETRY
-    async with aclosing(events):
-        async for event in events:
+    async with aclosing(stream):
+        async for event in stream:
             now = time.monotonic()
             # A token may be revoked while its stream is open.
             if now - checked >= pause:

@@ -153,14 +153,17 @@ def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
 
 
 def active_digest(session: Session, dataset: Dataset) -> str:
-    """The digest of that version."""
+    """The digest of the active version."""
     return ConfigRepository(session).digest(filled(dataset.active_config_id))
 
 
 def active_config(
     session: Session, dataset: Dataset, digest: str | None = None
 ) -> FilterConfig:
-    """The configuration by which current verdicts were decided; read by its digest."""
+    """The configuration by which current verdicts were decided.
+
+    `digest` is that of `active_digest`, where the caller has it.
+    """
     config = _PARSED.get(digest or active_digest(session, dataset))
     return config_of(active_version(session, dataset)) if config is None else config
 

@@ -91,11 +91,13 @@ def decide_all(task: Task[Run]) -> None:
             )
             datasets = DatasetRepository(session)
             datasets.activate(dataset, run)
-            reading, renamed = measurement.options["dataset"], dataset.renamed_classes
-            names = reading.get("renamed_classes", {})
+            reading, before = measurement.options["dataset"], dataset.renamed_classes
+            renamed = reading.get("renamed_classes", {})
             datasets.change(dataset, reading)
-            new = {name: now for name, now in names.items() if renamed.get(name) != now}
-            datasets.rename_classes(dataset.id, new)
+            changed = {
+                name: now for name, now in renamed.items() if before.get(name) != now
+            }
+            datasets.rename_classes(dataset.id, changed)
         run.changed, run.done = activation.flips.changed, run.total
         run.counts = activation.flips.verdicts()
         run.last_review_id = LatestAnswers(session).newest_id()

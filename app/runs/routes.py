@@ -354,6 +354,6 @@ def compare_runs(
     cursor: pages.Cursor = None,
 ) -> Response:
     """Boxes whose verdicts differ between two runs, nearest to a threshold first."""
-    runs = compared_runs(session, run_id, against)
-    diff = run_diff(services, session, runs, limit, cursor)
+    pair = compared_runs(session, run_id, against)
+    diff = run_diff(services, session, pair, limit, cursor)
     return pages.page_with_link(request, diff, diff.next_cursor)

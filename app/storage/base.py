@@ -193,7 +193,7 @@ def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
 
 
 def left_over(store: BlobStore, at_work: Iterable[int], until: float) -> list[Path]:
-    """The leftovers that are not younger, apart from files of exports at work."""
+    """Leftovers last changed before `until`, apart from files of exports at work."""
     names = {f"export-{number}" for number in at_work}
     return [
         path

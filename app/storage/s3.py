@@ -90,8 +90,8 @@ class S3Storage(base.BlobStore):
     def draft(self, blobs: Mapping[str, bytes]) -> S3Drafts:
         """Start putting blobs; waits while `MAX_PARALLEL` others are being put.
 
-        An existing blob is put again, since only its time shows that it is in use. This
-        limits the number of blobs in memory if the store is slow.
+        This limits the number of blobs in memory if the store is slow. An existing blob
+        is put again, since only its time shows that it is in use.
         """
         drafts = S3Drafts()
         try:

@@ -77,12 +77,12 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
 
     /**
      * Request a crop. Returns a function to be called when the crop is no longer needed.
-     * @param {string} url @param {Tell} answer
+     * @param {string} url @param {Tell} onAnswer
      */
-    want(url, answer) {
+    want(url, onAnswer) {
       use(url, 1);
       // The same function may want a crop twice.
-      const tell = (/** @type {CropAnswer} */ crop) => answer(crop);
+      const tell = (/** @type {CropAnswer} */ answer) => onAnswer(answer);
       const crop = have.get(url);
       if (crop) {
         have.delete(url);

@@ -100,7 +100,7 @@ function useFound(dropped) {
     streams: streamsWith(base.current?.streams ?? [], read.value?.inspection.streams ?? [], corrections),
     isReading: read.state === "loading",
     reading,
-    error: notListed ?? read.error,
+    error: notListed ?? read.error ?? sizes.error,
     corrections,
     correct: (...next) => setCorrections(next.reduce(corrected, corrections)),
     undo: (correction) => setCorrections(corrections.filter((other) => other !== correction)),
@@ -290,7 +290,7 @@ function Review({ app, found, plan, close }) {
               onClick=${() => correct(layoutAs("pairs", IMAGES_ONLY))}>Upload the images only</button>`
         }
         <button class="button button--primary"
-          disabled=${isBusy || isReading || notRead !== null || !isKnown || count === 0}>
+          disabled=${isBusy || isReading || notRead !== null || !isKnown || !sizes || count === 0}>
           ${isReading && html`<span class="spinner" aria-hidden="true"></span>`}${button}
         </button>
       </div>

@@ -238,6 +238,23 @@ def test_crops_of_several_boxes_are_those_of_each(api, stored):
     ]
 
 
+def test_crops_of_intact_images_come_beside_a_damaged_one(api, server):
+    dataset = api.dataset()
+    frames = [
+        api.upload_frame(dataset, key, image=scene.image(level))
+        for key, level in (("a", 40), ("b", 90))
+    ]
+    boxes = [frame["decisions"][0]["box_id"] for frame in frames]
+    files = api.get(f"/frames/{frames[0]['frame']['id']}").json()["files"]
+    (path,) = server.data.glob(f"blobs/**/{files['image']['sha256']}*")
+    path.unlink()
+
+    response = api.get("/boxes/crops", crops=f"{boxes[0]}-0.5-64,{boxes[1]}-0.5-64")
+
+    with tarfile.open(fileobj=io.BytesIO(response.content)) as archive:
+        assert archive.getnames() == [f"{boxes[1]}-0.5-64.webp"]
+
+
 def test_crop_of_a_box_outside_is_404_and_without_image_is_grey(api):
     boxes = [
         {"id": "out", "class": "car", "xyxy": [90, 0, 99, 9]},
