@@ -55,8 +55,9 @@ def rows_of(
 ) -> _Table:
     """Some rows of a table, that is, of a dataclass whose fields are columns.
 
-    A slice gives views of the same arrays. Columns that are None stay None, and so do
-    the fields that are `shared`, which are no columns.
+    `rows` are a slice, (M,) int64 or bool; a slice gives views of the same arrays.
+    Columns that are None stay None. The `shared` fields are no columns, and stay as
+    they are.
     """
     columns = {
         spec.name: getattr(table, spec.name)

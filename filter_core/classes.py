@@ -177,7 +177,7 @@ def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray
     """Whether accept masks accept tags; no other code interprets these masks.
 
     Bit t of `accept_mask` is set if tag t is accepted, as `accept_mask_of` gives it; it
-    broadcasts to the shape of `tags`. As bool, of the shape that both broadcast to.
+    broadcasts to the shape of `tags`. The result is bool, of the shape that both have.
     Always False for Unknown and for every number beyond the last tag.
     """
     # No known tag has the bit of Unknown's column, so that all others may share it.

@@ -185,7 +185,11 @@ class LargestErrors:
 
 
 class WithClasses(Protocol):
-    """N boxes with classes and distances, under the attributes of `Evidence`."""
+    """N boxes with classes and distances, under the attributes of `Evidence`.
+
+    `class_index` (N,) are places in `class_names`; `distance` (N,), metres, is NaN
+    where it is not known.
+    """
 
     @property
     def class_names(self) -> tuple[str, ...]: ...

@@ -453,8 +453,8 @@ def fill_depth(
         if not numbers.depth_pixels[row] and len(own):
             # Metres from the median of the accepted pixels to the interval: 0 inside
             middle = float(np.median(own))
-            gap = min(high[row] - middle, 0.0)
-            gap = low[row] - middle if middle < low[row] else gap
+            below, above = low[row] - middle, high[row] - middle
+            gap = below if below > 0 else min(above, 0.0)
             numbers.depth_gap[row] = gap * DEPTH_RANGE / DEPTH_STEPS
         if np.isnan(numbers.tight_xyxy[row, 0]):
             numbers.tight_xyxy[row] = tight_rectangle(seen, outline.x0, outline.y0)
@@ -522,9 +522,9 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
 class DepthSlice(NamedTuple):
     """Where a box and the pixels in its rectangle are on the axis of depth, in metres.
 
-    `near` and `far` are those of a 3D box; `median` is of the pixels, None if all are
-    sky. `bands` are from, to and percent of the rectangle's pixels, from near to far;
-    the sky is in none.
+    `near` and `far` are those of a 3D box, else None; `median` is of the pixels, None
+    if all are sky. `bands` are from, to and percent of the rectangle's pixels, from
+    near to far; the sky is in none.
     """
 
     near: float | None

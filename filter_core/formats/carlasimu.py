@@ -174,10 +174,11 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
     names = partial(options.files.walk, root, suffixes=(".txt",))
     streams = Streams(images, options, root=root, beside=beside)
     frames = frame_set("carlasimu", folders, streams, names(labels))
-    widest = {frame_key(name) for name in names(bands[-1])}
+    narrower_bands = () if options.labels else bands[:-1]
+    widest = set(map(frame_key, names(bands[-1]))) if narrower_bands else set()
     narrower = [
         Unmatched(f"{band.name}/{name}", f"not in the widest band, {bands[-1].name}")
-        for band in (() if options.labels else bands[:-1])
+        for band in narrower_bands
         for name in names(band)
         if frame_key(name) not in widest
     ]

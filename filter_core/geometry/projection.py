@@ -71,7 +71,8 @@ class Projections:
 class Projection:
     """One box as the camera sees it; see `Projections`.
 
-    Rectangles are (4,) float64, px, or None where there is nothing.
+    Rectangles are (4,) float64, px, or None where there is nothing; `edges` are (E, 4)
+    float64, px; `distance` is in metres.
     """
 
     visible_xyxy: FloatArray | None

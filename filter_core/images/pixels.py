@@ -81,9 +81,9 @@ _SAMPLED_PIXELS: Final = 4096
 def gather(
     pixels: NDArray[np.uint8], bounds: IntArray, keep: Mask | None = None
 ) -> tuple[PixelValues, IntArray]:
-    """(P,): the values of N rectangles, one after the other; and how many each has.
+    """The values of N rectangles, one after the other (P,); how many each has (N,).
 
-    The second are (N,) int64. `bounds` (N, 4) are first column, first row, last column
+    `bounds` (N, 4) are first column, first row, last column
     + 1, last row + 1, and may be empty; of their pixels those of `keep` (H, W) are
     wanted, by default all.
     """

@@ -77,7 +77,8 @@ class DrawnBox(NamedTuple):
 class DrawnFrame:
     """A frame with the verdicts of its boxes.
 
-    `jpeg` is the picture, smaller, or without one the segmentation in its colours.
+    `wh` is its size in px. `jpeg` is the picture, smaller, or without one the
+    segmentation in its colours; None: there is neither.
     Boxes that cannot be drawn, because no part of them is in the image, are `outside`.
     """
 

@@ -251,7 +251,7 @@ _MOST_GREY_PERCENT: Final = 95.0
 
 
 def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
-    """Refuse an image unlike one in a palette's colours that a JPEG has changed.
+    """Refuse an image that cannot be a segmentation whose colours a JPEG has changed.
 
     `pixels` are (H, W, 3) red, green, blue. Raises `SegmentationError`
     (``foreign_colors``): it is a photo or another sensor's image, in which some colours

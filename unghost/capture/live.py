@@ -87,8 +87,8 @@ class LiveFrame:
     """One tick with its boxes, decided; `tick` is the simulator's number of it.
 
     `image` is that of the camera ``rgb``, (H, W, 3) uint8: blue, green, red, as OpenCV
-    has them. `record` is the annotation of the frame: camera, map, weather and all
-    boxes.
+    has them; None if there is no such camera. `record` is the annotation of the frame:
+    camera, map, weather and all boxes.
     """
 
     tick: int

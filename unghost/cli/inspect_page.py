@@ -7,10 +7,10 @@ the review page (tokens.css).
 from __future__ import annotations
 
 import html
-import pkgutil
 import re
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.resources import files
 from typing import Final
 
 from filter_core.inspection.listing import Listed
@@ -135,7 +135,7 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
 def document(title: str, parts: Iterable[str]) -> str:
     """A page in the colours of the review page; `title` and `parts` are HTML."""
     body = "\n".join(part for part in parts if part)
-    style = pkgutil.get_data(__package__, "page.css") or b""
+    style = files(__package__).joinpath("page.css").read_bytes()
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'

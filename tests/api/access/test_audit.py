@@ -80,6 +80,7 @@ def test_audit_entries_of_a_revoked_token_are_kept(service, admin):
 
     (made,) = entries(admin, "graces")
     assert (made["actor"], made["token_id"]) == ("grace", token["id"])
+    assert token["token"] not in admin.get(AUDIT).text
     assert actions(admin, "grace") == ["token.created", "token.revoked"]
 
 
@@ -168,3 +169,14 @@ def test_audit_log_is_append_only_in_the_database(service, admin, statement):
         change(service.settings.data, statement)
 
     assert admin.get(AUDIT).text == before
+
+
+def test_created_exports_are_audited(service, admin):
+    admin.post(DATASETS, json={"name": "exported"})
+    with client_with_token(service, create_token(admin, "joan", "reviewer")) as client:
+        export = client.post(f"{DATASETS}/exported/exports", json={"format": "yolo"})
+
+    entry = admin.get(AUDIT).json()["items"][0]
+    assert (entry["actor"], entry["action"]) == ("joan", "export.created")
+    assert entry["subject"] == str(export.json()["id"])
+    assert entry["details"] == {"dataset": "exported", "format": "yolo"}

@@ -161,6 +161,10 @@ INVALID_CREDENTIALS = {
     "revoked": revoked,
     "ended session": ended_session,
     "session as a cookie": session_as_a_cookie,
+    "token as a cookie": lambda service, client: {
+        "Cookie": f"unghost_session={service.token}; session={service.token}",
+        "Origin": service.url,
+    },
 }
 
 

@@ -21,6 +21,8 @@ KEYS = {
         ("GET", "/no-such-page", 404, "not_found"),
         ("GET", "/api/v1/no-such-resource", 404, "not_found"),
         ("GET", "/healthz/", 404, "not_found"),
+        *(("GET", f"/{name}", 404, "not_found") for name in ("blobs", "data", "token")),
+        ("GET", "/unghost.db", 404, "not_found"),
         ("GET", "/static/no-such-file.js", 404, "not_found"),
         ("GET", "/probe/raise/missing", 404, "not_found"),
         ("PATCH", "/healthz", 405, "method_not_allowed"),

@@ -66,6 +66,28 @@ def test_no_request_body_has_a_field_for_ids_authors_or_secrets(document):
     assert named == set()
 
 
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/datasets", {"name": "mine", "created_by": "root"}),
+        ("/datasets", {"name": "mine", "id": 7}),
+        ("/datasets/fields/runs", {"config": "0" * 64, "created_by": "root"}),
+        ("/datasets/fields/runs", {"config": "0" * 64, "state": "done"}),
+        ("/datasets/fields/exports", {"format": "yolo", "sha256": "0" * 64}),
+        ("/datasets/fields/configs", {"digest": "0" * 64}),
+        ("/boxes/1/reviews", {"verdict": "keep", "seen_revision": 0, "reviewer": "x"}),
+        ("/tokens", {"name": "mine", "hash": "0" * 64}),
+        ("/session", {"token": "ug_x", "role": "admin"}),
+    ],
+)
+def test_an_unknown_field_of_a_body_is_refused(admin, path, body):
+    admin.post("/api/v1/datasets", json={"name": "fields"})
+
+    response = admin.post(f"/api/v1{path}", json=body)
+
+    assert response.status_code == 422, response.text
+
+
 def test_every_sort_parameter_is_an_enum(document):
     orders = [
         parameter["schema"]

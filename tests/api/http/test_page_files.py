@@ -186,6 +186,17 @@ def test_changed_static_file_has_new_content_and_etag(tmp_path):
     assert before.etag != after.etag
 
 
+def test_page_has_no_inline_script_blocked_by_its_policy(anonymous):
+    page = anonymous.get("/")
+
+    scripts = re.findall(r"<script(?![^>]*\bsrc=)[^>]*>(.*?)</script>", page.text, re.S)
+    policy = page.headers["content-security-policy"]
+    for text in scripts:
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert digest in policy
+    assert policy.count("sha256-") == len(scripts)
+
+
 def test_content_security_policy_allows_only_the_import_map(tmp_path):
     text = b'{"imports": {"preact": "/static/vendor/preact.js"}}'
     index = tmp_path / "index.html"

@@ -182,3 +182,17 @@ def test_undo_skips_a_box_answered_while_waiting(service, own_api, street):
 
     assert (response["undone"], response["skipped"]) == (BOXES - 1, [ids[7]])
     assert own_api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
+
+
+def test_bulk_answer_on_a_filter_is_replayed_by_idempotency_key(own_api, street):
+    name, _ = street
+    body = {"dataset": name, "verdict": "keep", **filter_with_snapshot(own_api, name)}
+    key = {"Idempotency-Key": f"bulk {name}".replace(" ", "-")}
+
+    first, again = (
+        own_api.http.post("/api/v1/reviews/bulk", json=body, headers=key) for _ in "ab"
+    )
+
+    assert (first.status_code, again.status_code) == (201, 201)
+    assert first.json() == again.json()
+    assert again.headers["idempotent-replayed"] == "true"

@@ -43,7 +43,7 @@ class ListOptions(OutputOptions):
 
     @property
     def selection(self) -> dict[str, Any]:
-        """The options that are filters of boxes, by name; None of those not given."""
+        """Options that select boxes, or frames by them, by name; None: not given."""
         from unghost.client.keywords import BoxSelection
 
         names = filter(partial(hasattr, self), BoxSelection.__annotations__)

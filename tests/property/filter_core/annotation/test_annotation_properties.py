@@ -65,9 +65,10 @@ def test_every_annotation_error_names_its_box_and_expected_and_found(raw):
 def test_json_bytes_give_the_same_errors_as_the_mapping(raw):
     errors = errors_of(raw)
 
-    by_text = [(fault.pointer, fault.kind) for fault in errors_of(json.dumps(raw))]
+    content = json.dumps(raw).encode()
+    by_content = [(fault.pointer, fault.kind) for fault in errors_of(content)]
 
-    assert by_text == [(fault.pointer, fault.kind) for fault in errors]
+    assert by_content == [(fault.pointer, fault.kind) for fault in errors]
     if not errors:
         # What is kept of the annotation is valid JSON.
         read = parse_annotation(raw)

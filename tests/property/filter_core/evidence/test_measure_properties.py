@@ -65,6 +65,7 @@ def test_measured_pixel_counts_equal_the_slow_definition(picture, boxes, names, 
         np.testing.assert_array_equal(now, then)
     tags = np.where(picture < 30, picture, 255)
     assert rows.tag_counts is not None
+    assert (rows.image_pixels == picture.size).all()
     for index, box in enumerate(given_boxes.xyxy):
         mask = int(given_boxes.accept_mask[index])
         expected = slow_counts(tags, box, mask, ignore)
