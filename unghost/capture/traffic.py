@@ -205,9 +205,11 @@ def _spawn_walkers(
             continue
         count += 1
         leader = kinds.controller if gait else None
-        # A blueprint without attributes is false.
-        has_leader = leader is not None
-        controller = _spawn_controller(session, leader, walker) if has_leader else None
+        controller = (
+            None
+            if leader is None  # one without attributes is false
+            else _spawn_controller(session, leader, walker)
+        )
         if controller is not None:
             walking.append((controller, _speed(walker, gait)))
     # Controllers find their walkers only after a tick.
