@@ -7,7 +7,6 @@ pixel on its wall. Both follow the same `FACADE_STYLES`.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Final
@@ -247,28 +246,34 @@ def _awnings(plot: Plot, rng: np.random.Generator) -> Mesh:
     color = _AWNINGS[rng.integers(len(_AWNINGS))]
     wall, out = plot.street_y - 0.02 * front, plot.street_y - 1.3 * front
     high, low, hem = 3.25, 2.72, 2.72 - 0.22
+    bays = range(int((plot.x1 - plot.x0) / rule.bay))
+    shops = [plot.x0 + bay * rule.bay for bay in bays if rng.random() >= 0.45]
     parts = []
-    for bay in range(int((plot.x1 - plot.x0) / rule.bay)):
-        if rng.random() < 0.45:
-            continue
-        x0 = plot.x0 + (bay + 0.08) * rule.bay
-        x1 = plot.x0 + (bay + 0.92) * rule.bay
-        stripes = np.linspace(x0, x1, 7)
-        for index, (a, b) in enumerate(itertools.pairwise(stripes)):
-            paint = Paint(color) if index % 2 else Paint((226, 220, 206))
-            lining = paint.tinted(0.6)
-            slope = [(a, wall, high), (b, wall, high), (b, out, low), (a, out, low)]
-            fall = [(a, out, low), (b, out, low), (b, out, hem), (a, out, hem)]
-            parts += [
-                sheet(slope, (0, -0.4 * front, 1), paint, Tag.BUILDING),
-                sheet(slope, (0, 0.4 * front, -1), lining, Tag.BUILDING),
-                sheet(fall, (0, -front, 0), paint, Tag.BUILDING),
-                sheet(fall, (0, front, 0), lining, Tag.BUILDING),
-            ]
+    for first, paint in enumerate((Paint((226, 220, 206)), Paint(color))):
+        stripes = [
+            (x + left * rule.bay, x + (left + 0.14) * rule.bay)
+            for x in shops
+            for left in (0.08 + 0.14 * index for index in range(first, 6, 2))
+        ]
+        slopes = [
+            [(a, wall, high), (b, wall, high), (b, out, low), (a, out, low)]
+            for a, b in stripes
+        ]
+        falls = [
+            [(a, out, low), (b, out, low), (b, out, hem), (a, out, hem)]
+            for a, b in stripes
+        ]
+        lining = paint.tinted(0.6)
+        parts += [
+            sheet(slopes, (0, -0.4 * front, 1), paint, Tag.BUILDING),
+            sheet(slopes, (0, 0.4 * front, -1), lining, Tag.BUILDING),
+            sheet(falls, (0, -front, 0), paint, Tag.BUILDING),
+            sheet(falls, (0, front, 0), lining, Tag.BUILDING),
+        ]
     near, far = sorted((wall, wall - 0.12 * front))
     fascia = Paint(color).tinted(0.8)
-    first, last = (plot.x0 + 0.3, near, 3.3), (plot.x1 - 0.3, far, 3.85)
-    return join([*parts, block(first, last, fascia, Tag.BUILDING)])
+    low_end, high_end = (plot.x0 + 0.3, near, 3.3), (plot.x1 - 0.3, far, 3.85)
+    return join([*parts, block(low_end, high_end, fascia, Tag.BUILDING)])
 
 
 def _gable(plot: Plot, top: float, wall: Paint) -> Mesh:

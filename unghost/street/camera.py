@@ -50,6 +50,8 @@ _HORIZON: Final = 900.0
 _ROAD_GLOSS: Final = 0.012
 _NOISE: Final = 1.1
 """Standard deviation of the sensor's noise, in levels of 255."""
+_SMOOTHING: Final = np.array([0.2, 0.6, 0.2], dtype=np.float32)
+"""How edges are smoothed, along each axis: as a lens does."""
 _SAMPLES_AT_ONCE: Final = 1 << 16
 
 
@@ -199,15 +201,11 @@ class Samples:
         )
 
 
-def sampled(visible: VisibleTriangles, offset: float) -> Samples:
-    """Samples at so many px from the upper left corner of every pixel.
-
-    With 0.5 their middles, from which tags, instances and depth are made; with 0 the
-    (H + 1) (W + 1) corners, for smoothing the colour image.
-    """
+def sampled(visible: VisibleTriangles) -> Samples:
+    """Samples in the middle of every pixel."""
     camera = visible.camera
-    rows, columns = (camera.height + (offset == 0), camera.width + (offset == 0))
-    u, v = np.arange(columns) + offset, np.arange(rows) + offset
+    rows, columns = camera.height, camera.width
+    u, v = np.arange(columns) + 0.5, np.arange(rows) + 0.5
     rays = _rays(camera, u, v)
     canvas = Canvas.blank(columns, rows)
     # The level ground, up to the horizon
@@ -215,9 +213,7 @@ def sampled(visible: VisibleTriangles, offset: float) -> Samples:
     on_ground = plane > 1 / _HORIZON
     canvas.nearness[on_ground] = plane[on_ground]
     canvas.winner[on_ground] = GROUND
-    # The rasteriser samples at half pixels.
-    shifted = visible.screen + np.array([0.5 - offset, 0.5 - offset, 0.0])
-    draw(canvas, shifted, visible.source)
+    draw(canvas, visible.screen, visible.source)
     winner, nearness = canvas.winner.reshape(-1), canvas.nearness.reshape(-1)
     depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
     solid = np.flatnonzero(winner != SKY)
@@ -366,9 +362,16 @@ class Photographer:
         depth = samples.depth.reshape(height, width)
         open_sky = ambient_occlusion(depth, float(camera.intrinsic[0, 0])).reshape(-1)
         light, tags, normals = self._shoot(samples, open_sky)
-        self._smooth_edges(light, samples, open_sky)
         exposure = self._light.daylight.exposure
         linear = light.reshape(height, width, 3)
+        # Smooth edges: pixels beside another triangle take of their neighbours.
+        winner = samples.winner.reshape(height, width)
+        edge = np.zeros((height, width), dtype=bool)
+        for before, after in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            differs = winner[before] != winner[after]
+            edge[before] |= differs
+            edge[after] |= differs
+        linear[edge] = cv2.sepFilter2D(linear, -1, _SMOOTHING, _SMOOTHING)[edge]
         # Bloom: light brighter than white is spread over neighbouring pixels.
         small = cv2.resize(linear, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
         over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
@@ -407,30 +410,3 @@ class Photographer:
             all_tags[piece], normals[piece] = tags, pixels.normal
             light[piece] = shade(pixels, open_sky[piece], self._light)
         return light, all_tags, normals
-
-    def _smooth_edges(
-        self, image: Float32, samples: Samples, open_sky: Float32
-    ) -> None:
-        """Mix in the corners of pixels that show more than one triangle."""
-        camera = self._visible.camera
-        corners = sampled(self._visible, 0.0)
-        middle = samples.winner.reshape(camera.height, camera.width)
-        around = corners.winner.reshape(camera.height + 1, camera.width + 1)
-        differs = middle != around[:-1, :-1]
-        differs |= middle != around[:-1, 1:]
-        differs |= middle != around[1:, :-1]
-        differs |= middle != around[1:, 1:]
-        edge = np.flatnonzero(differs)
-        row, column = np.divmod(edge, camera.width)
-        first = row * (camera.width + 1) + column
-        below = first + camera.width + 1
-        four = np.stack([first, first + 1, below, below + 1])
-        chosen, four_of_chosen = _numbered(four, len(corners.winner))
-        nearest_pixel = np.zeros(len(corners.winner), dtype=np.int64)
-        nearest_pixel[four] = edge
-        open_there = open_sky[nearest_pixel[chosen]]
-        light, _, _ = self._shoot(corners.part(chosen), open_there)
-        mixed = image[edge] * np.float32(0.5)
-        for corner in four_of_chosen:
-            mixed += light[corner] * np.float32(0.125)
-        image[edge] = mixed

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from filter_core.arrays import FloatArray
 from unghost.street.buildings import Walls
 from unghost.street.ground import grass, ground_footprint, paving
-from unghost.street.mesh import along, turned
+from unghost.street.mesh import Mesh, along, join, turned
 from unghost.street.paint import (
     RGB,
     TILE,
@@ -27,6 +27,7 @@ from unghost.street.paint import (
     SurfaceKind,
     cloudy_tile,
     f32,
+    power,
     sample,
 )
 from unghost.street.raster import Canvas, draw
@@ -206,12 +207,12 @@ def _with_mirror(
     facing = np.einsum("ij,ij->i", ray, normal)
     away = ray - 2 * facing[:, None] * normal
     gloss = look.gloss[shiny]
-    share = gloss + (1 - gloss) * (1 - np.clip(np.abs(facing), 0, 1)) ** 5 * np.minimum(
-        1, gloss * 12
-    )
+    grazing = power(1 - np.clip(np.abs(facing), 0, 1), 5)
+    share = gloss + (1 - gloss) * grazing * np.minimum(1, gloss * 12)
     mirrored = mirrored_surroundings(daylight, away)
     towards_sun = np.clip(along(away, daylight.sun), 0, 1)
-    sparkle = (towards_sun**220 * 9.0 + towards_sun**24 * 0.35) * (gloss > 0.03)
+    sparkle = 9.0 * power(towards_sun, 220) + 0.35 * power(towards_sun, 24)
+    sparkle *= gloss > 0.03
     mirrored = mirrored + f32(daylight.sunlight) * sparkle[:, None]
     mirrored *= look.open_sky[shiny][:, None]
     seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
@@ -225,7 +226,7 @@ def sky_light(daylight: Daylight, direction: Float32) -> Float32:
     low, high = f32(daylight.horizon), f32(daylight.zenith)
     light = low + (high - low) * share
     towards = np.clip(along(direction, daylight.sun), 0.0, 1.0)
-    halo = 0.28 * towards**6 + 0.55 * towards**48
+    halo = 0.28 * power(towards, 6) + 0.55 * power(towards, 48)
     return light + f32(daylight.sunlight) * (0.22 * halo)[:, None]
 
 
@@ -290,15 +291,15 @@ class ShadowMap:
     @classmethod
     def of(
         cls,
-        meshes: Iterable[FloatArray],
+        meshes: Iterable[Mesh],
         sun: tuple[float, float, float],
         area: FloatArray,
         texels: tuple[int, int],
     ) -> ShadowMap:
         """Map triangles as the sun sees them.
 
-        `meshes` are arrays (T, 3, 3) of corners, taken a few at a time to save memory;
-        `area` are points that the map has to cover; `texels` its width and height.
+        `meshes` are taken a few at a time to save memory; `area` are points that the
+        map has to cover; `texels` its width and height.
         """
         axes = sun_axes(sun)
         flat = area @ axes[:2].T
@@ -307,7 +308,11 @@ class ShadowMap:
         canvas = Canvas.blank(*texels, nearness=_LOWEST)
         remaining = iter(meshes)
         while batch := list(itertools.islice(remaining, _MESHES_AT_ONCE)):
-            screen = turned(np.concatenate(batch), axes)
+            mesh = join(batch)
+            # What is turned away from the sun lies behind the sunlit side of its body.
+            sunlit = along(mesh.normals[:, 0] + mesh.normals[:, 1], sun) > 0
+            sunlit |= mesh.surface[:, 5] == SurfaceKind.LEAF
+            screen = turned(mesh.corners[sunlit], axes)
             screen[..., :2] = (screen[..., :2] - origin) / texel
             draw(canvas, screen, np.arange(len(screen)))
         return cls(axes, origin, texel, canvas.nearness)
@@ -380,14 +385,21 @@ def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
 
 def develop(light: Float32, exposure: float) -> Float32:
     """An image for a display from linear light (H, W, 3), by a curve like film's."""
-    x = light * np.float32(exposure)
+    root = np.sqrt(light * np.float32(exposure))
+    return np.asarray(_LEVELS[np.minimum(root * _STEPS, _LAST).astype(np.int32)])
+
+
+_STEPS: Final = np.float32(2048)
+_LAST: Final = np.float32(8191)
+
+
+def _levels() -> Float32:
+    x = np.square(np.arange(_LAST + 1) / _STEPS)
     # Narkowicz, "ACES filmic tone mapping curve", 2015.
-    film = (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
-    index = (np.clip(film, 0, 1) * 4095).astype(np.int32)
-    return np.asarray(_GAMMA[index])
+    film = np.clip((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14), 0, 1)
+    bent = 1.055 * film ** (1 / 2.4) - 0.055
+    return f32(np.where(film <= 0.0031308, 12.92 * film, bent) * 255)
 
 
-_RAMP: Final = np.linspace(0, 1, 4096)
-_BENT: Final = 1.055 * _RAMP ** (1 / 2.4) - 0.055
-_GAMMA: Final = f32(np.where(_RAMP <= 0.0031308, 12.92 * _RAMP, _BENT) * 255)
-"""Levels of a display for 4096 steps of light, by the sRGB curve."""
+_LEVELS: Final = _levels()
+"""Levels of a display by the sRGB curve, for the roots of light up to 16."""

@@ -199,11 +199,10 @@ def tube(
     closed = np.concatenate([rings, rings[:, :1]], axis=1)
     out = np.concatenate([circle, circle[:1]])
     skin = _quads(_cells(closed), _cells(np.stack([out, out])), *look)
-    along = last - first
-    ends = [
-        _cap(ring, way, *look) for ring, way in zip(rings, (-along, along), strict=True)
-    ]
-    return join([skin, *ends])
+    centres = np.broadcast_to(np.stack([first, last])[:, None], rings.shape)
+    caps = np.stack([centres, closed[:, :-1], closed[:, 1:]], axis=2)
+    out = np.broadcast_to(np.stack([-axis, axis])[:, None, None], caps.shape)
+    return join([skin, Mesh.of(caps.reshape(-1, 3, 3), out.reshape(-1, 3, 3), *look)])
 
 
 def ball(
@@ -247,10 +246,10 @@ def wheel_ring(
 
 
 def sheet(corners: ArrayLike, normal: ArrayLike, paint: Paint, tag: int) -> Mesh:
-    """A flat quad, visible from the side that its normal points to."""
-    quad = np.asarray(corners, float)[None]
-    normals = np.broadcast_to(np.asarray(normal, float), quad.shape)
-    return _quads(quad, normals, paint, tag)
+    """Flat quads (..., 4, 3), visible from the side that their normal points to."""
+    quads = np.asarray(corners, float).reshape(-1, 4, 3)
+    normals = np.broadcast_to(np.asarray(normal, float), quads.shape)
+    return _quads(quads, normals, paint, tag)
 
 
 def loft(

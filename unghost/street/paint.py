@@ -161,6 +161,18 @@ def sample(tile: Float32, u: Float32, v: Float32, per_unit: float) -> Float32:
     return np.asarray(tile.reshape(-1)[row * TILE + column])
 
 
+def power(base: Float32, exponent: int) -> Float32:
+    """A whole power, 1 or more, by squares: many times as fast as numpy's own."""
+    result = None
+    square = base
+    while exponent:
+        if exponent & 1:
+            result = square if result is None else result * square
+        square = square * square
+        exponent >>= 1
+    return base if result is None else result
+
+
 def hashed(*whole: NDArray[np.int32]) -> Float32:
     """A number in 0..1 for each combination of whole numbers, always the same."""
     state = np.zeros(whole[0].shape, dtype=np.uint32)

@@ -176,7 +176,7 @@ def encode_depth(depth: Float32) -> NDArray[np.uint8]:
     )
 
 
-def png(rgb: NDArray[np.uint8], compression: int = 4) -> bytes:
+def png(rgb: NDArray[np.uint8], compression: int = 1) -> bytes:
     """An RGB image as a PNG file."""
     settings = [cv2.IMWRITE_PNG_COMPRESSION, compression]
     done, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]), settings)

@@ -155,11 +155,10 @@ class _Set:
         texels: tuple[int, int],
         time_s: float = 0.0,
     ) -> ShadowMap:
-        corners = (
-            thing.shape(time_s).placed(thing.pose(time_s).matrix).corners
-            for thing in things
+        meshes = (
+            thing.shape(time_s).placed(thing.pose(time_s).matrix) for thing in things
         )
-        return ShadowMap.of(corners, self._town.style.daylight.sun, area, texels)
+        return ShadowMap.of(meshes, self._town.style.daylight.sun, area, texels)
 
     def render(self, step: int) -> StreetFrame:
         with self._lock:
@@ -172,7 +171,7 @@ class _Set:
         light = Lighting(style.daylight, (still, self._moving_shadows(camera, time_s)))
         seed = (self._seed * 31 + self._number) * 100_003 + step
         photographer = Photographer(visible, style.plan, light)
-        image, planes = photographer.photograph(sampled(visible, 0.5), seed)
+        image, planes = photographer.photograph(sampled(visible), seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
         flat = self._flat and step % _FLAT_EVERY == _FLAT_EVERY - 1
