@@ -148,6 +148,7 @@ $(PROGRAM): pyproject.toml setup.py requirements.lock | $(VENV)/pyvenv.cfg
 	@echo "Installing Unghost into $(VENV) (the first time takes a minute) ..."
 	@$(PIP) install --require-hashes --requirement requirements.lock
 	@$(PIP) install --no-deps --editable .
+	@$(BIN)/python -m compileall -q -j 0 app filter_core unghost
 	@touch $@
 
 # A recent pip chooses versions faster. Modules are not compiled here: most are never imported,

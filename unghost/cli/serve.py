@@ -141,7 +141,8 @@ def demo(options: DemoOptions) -> None:
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
     filling = _Filling(options, settings.data, settings.token_file)
-
+    # Before the import of the service, which takes as long as a frame.
+    filling.render()
     from app import serve as startup
 
     with refused_on(startup.CannotServe):
@@ -153,16 +154,19 @@ def demo(options: DemoOptions) -> None:
             )
             filling.start(link.url.partition("/#")[0])
 
-        startup.serve(settings, on_locked=filling.render, on_ready=ready)
+        startup.serve(settings, on_locked=filling.is_locked.set, on_ready=ready)
     filling.raise_if_failed()
     if filling.refused:
         raise typer.Exit(PARTLY)
 
 
-def rendered_frames(data: Path, options: DemoOptions) -> Iterator[dict[str, object]]:
+def rendered_frames(
+    data: Path, options: DemoOptions, is_locked: threading.Event
+) -> Iterator[dict[str, object]]:
     """Lines of the street's manifest, with absolute paths, as its frames get ready.
 
-    The street is rendered unless that was done before.
+    The street is rendered unless that was done before. Nothing is written before the
+    data folder is locked.
     """
     from app.storage.durable import make_folder
     from filter_core.formats.manifest import FRAME_FILES
@@ -172,20 +176,27 @@ def rendered_frames(data: Path, options: DemoOptions) -> Iterator[dict[str, obje
     folder = street_folder(data, options)
     # Renamed when complete, so that an interrupted rendering is never used.
     partial = folder.with_name(f"{folder.name}.part")
-    lines: Iterable[dict[str, object]]
-    if folder.exists():
-        text = (folder / MANIFEST_NAME).read_text("utf-8")
-        place, lines = folder, map(json.loads, text.splitlines())
-    else:
+
+    def made_folder() -> Path:
+        is_locked.wait()
         make_folder(partial)
-        place, lines = partial, render_street(partial, options.frames, options.seed)
-    for line in lines:
-        files = {
-            kind: str(place / str(line[kind])) for kind in FRAME_FILES if kind in line
-        }
-        yield line | files
-    if place is partial:
-        partial.rename(folder)
+        return partial
+
+    def frames() -> Iterator[dict[str, object]]:
+        lines: Iterable[dict[str, object]]
+        if folder.exists():
+            text = (folder / MANIFEST_NAME).read_text("utf-8")
+            place, lines = folder, map(json.loads, text.splitlines())
+        else:
+            lines = render_street(made_folder, options.frames, options.seed)
+            place = partial
+        for line in lines:
+            kinds = (kind for kind in FRAME_FILES if kind in line)
+            yield line | {kind: str(place / str(line[kind])) for kind in kinds}
+        if place is partial:
+            partial.rename(folder)
+
+    return frames()
 
 
 def street_folder(data: Path, options: DemoOptions) -> Path:
@@ -206,6 +217,8 @@ class _Filling:
             SimpleQueue()
         )
         self._is_sent = threading.Event()
+        self.is_locked = threading.Event()
+        """Set once the data folder is this server's alone."""
         self._screen = options.screen
         self._data = data
         self._token_file = token_file
@@ -214,8 +227,10 @@ class _Filling:
 
     def render(self) -> None:
         """Start rendering, while the server starts."""
+        # Its modules are imported by this thread, which then imports the server's.
+        lines = rendered_frames(self._data, self._options, self.is_locked)
         # A daemon thread, as the other: an interruption does not wait for the frames.
-        threading.Thread(target=self._render, daemon=True).start()
+        threading.Thread(target=self._render, args=(lines,), daemon=True).start()
 
     def start(self, url: str) -> None:
         """Start uploading; called when the server is ready."""
@@ -226,10 +241,9 @@ class _Filling:
         if self._error is not None:
             raise self._error
 
-    def _render(self) -> None:
+    def _render(self, lines: Iterator[dict[str, object]]) -> None:
         end = None
         try:
-            lines = rendered_frames(self._data, self._options)
             for number, line in enumerate(lines, 1):
                 self._rendered.put(line)
                 if number == self._options.frames:

@@ -13,7 +13,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -112,6 +112,10 @@ class StreetScene:
         """The first `count` frames, in order; a few are rendered ahead."""
         return in_order(self.render_frame, range(count), THREADS)
 
+    def build_town(self, index: int) -> None:
+        """What the frames of one town have in common, before the first is rendered."""
+        self._sets[index % len(self._sets)].build()
+
     def render_frame(self, index: int) -> StreetFrame:
         """One frame; towns take turns."""
         step, number = divmod(index, len(self._sets))
@@ -160,9 +164,12 @@ class _Set:
         )
         return ShadowMap.of(meshes, self._town.style.daylight.sun, area, texels)
 
-    def render(self, step: int) -> StreetFrame:
+    def build(self) -> tuple[Stage, ShadowMap]:
         with self._lock:
-            stage, still = self._stage, self._still_shadows
+            return self._stage, self._still_shadows
+
+    def render(self, step: int) -> StreetFrame:
+        stage, still = self.build()
         style, things = self._town.style, self._town.things
         time_s = step * STEP_S
         pose = self._town.camera(step)
@@ -236,13 +243,14 @@ def write_street(
 
 
 def render_street(
-    folder: Path, frames: int, seed: int, *, actors: float = RECORDED
+    folder: Callable[[], Path], frames: int, seed: int, *, actors: float = RECORDED
 ) -> Iterator[dict[str, object]]:
     """Render a street into a folder, in child processes that end with it.
 
     Yields a line of the manifest as soon as the files of its frame are written; in the
     end the folder has what `write_street` writes. `actors` are as those of
-    `StreetScene`.
+    `StreetScene`. `folder` is called once, when the first processes have begun, and may
+    wait: they build their towns meanwhile.
 
     Each process renders one town, or every second frame of it. As the first frame of a
     town takes as long as several others, no more processes work on their first one than
@@ -250,7 +258,6 @@ def render_street(
 
     Raises RuntimeError if a process has ended before its frames were rendered.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     cores = os.cpu_count() or 1
     step = len(STYLES) * (2 if cores >= _TWICE_FROM else 1)
     parts = [range(part, frames, step) for part in range(min(step, frames))]
@@ -259,18 +266,27 @@ def render_street(
     with ExitStack() as running:
         waiting = list(enumerate(parts))
         beginning: set[int] = set()
+        place: Path | None = None
         while len(lines) < frames:
+            begun: list[IO[bytes] | None] = []
             while waiting and len(beginning) < cores:
                 number, part = waiting.pop(0)
                 beginning.add(number)
-                words = (str(folder), str(seed), str(actors), *map(str, part))
+                words = (str(seed), str(actors), *map(str, part))
                 child = subprocess.Popen(
-                    module_command(__name__, *words), stdout=subprocess.PIPE
+                    module_command(__name__, *words),
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
                 )
+                begun.append(child.stdin)
                 running.enter_context(child)
                 running.callback(child.kill)
                 listening = (child.stdout, number, told.put)
                 Thread(target=_listen, args=listening, daemon=True).start()
+            place = place or folder()
+            for pipe in filter(None, begun):
+                with suppress(BrokenPipeError), pipe:
+                    pipe.write(json.dumps(str(place)).encode())
             number, text = told.get()
             beginning.discard(number)
             if not text:
@@ -282,8 +298,9 @@ def render_street(
             yield line
     in_turn = [lines[index] for index in range(frames)]
     truths = ({"key": line["key"], **row} for line, rows in in_turn for row in rows)
-    _write_lines(folder / TRUTH, list(truths))
-    _write_lines(folder / MANIFEST_NAME, [line for line, _ in in_turn])
+    if place is not None:
+        _write_lines(place / TRUTH, list(truths))
+        _write_lines(place / MANIFEST_NAME, [line for line, _ in in_turn])
 
 
 def _listen(
@@ -293,14 +310,21 @@ def _listen(
         tell((number, text))
 
 
-def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:
-    """The program of a child: it renders these frames and prints a line about each."""
+def _render_part(seed: str, actors: str, *indices: str) -> None:
+    """The program of a child: it renders these frames and prints a line about each.
+
+    It reads from its input into which folder, after it has built its town.
+    """
     if hasattr(os, "nice"):
         os.nice(_NICE)
     scene = StreetScene(int(seed), actors=float(actors))
+    scene.build_town(int(indices[0]))
+    folder = sys.stdin.read()
+    if not folder:  # who started it has ended
+        return
     for index in map(int, indices):
         frame = scene.render_frame(index)
-        line = _write_frame(Path(folder), frame)
+        line = _write_frame(Path(json.loads(folder)), frame)
         sys.stdout.write(json.dumps([index, line, frame.truth]) + "\n")
         sys.stdout.flush()
 
