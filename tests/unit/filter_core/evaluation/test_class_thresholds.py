@@ -25,7 +25,8 @@ def filled_collector(config=None):
 def test_classes_are_identified_by_name_in_any_order():
     (light,) = filled_collector().suggestions(Goal())
 
-    assert (light.class_name, light.current, light.boxes) == ("traffic_light", 10, 4)
+    assert (light.class_name, light.boxes) == ("traffic_light", 4)
+    assert light.key == "threshold_small_box" and light.at_current.threshold == 10
     assert 1 < light.threshold < 6
 
 
