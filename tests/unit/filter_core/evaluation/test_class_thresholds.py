@@ -26,7 +26,7 @@ def test_classes_are_identified_by_name_in_any_order():
     (light,) = filled_collector().suggestions(Goal())
 
     assert (light.class_name, light.boxes) == ("traffic_light", 4)
-    assert light.key == "threshold_small_box" and light.at_current.threshold == 10
+    assert (light.key, light.at_current.threshold) == ("threshold_small_box", 10)
     assert 1 < light.threshold < 6
 
 
