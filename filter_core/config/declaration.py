@@ -30,7 +30,7 @@ from filter_core.classes import (
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
 from filter_core.segmentation.palettes import LAST_TAG
-from filter_core.values import place_of, pointer_token, shown, similar
+from filter_core.values import pointer_token, prefix_of, shown, similar
 
 Number: TypeAlias = float | int
 
@@ -348,7 +348,7 @@ def refuse_unknown_keys(
             text = repr(name)
             quoted = text if len(text) <= 60 else f"{text[:57]}..."
             raise ConfigError(
-                f"{place_of(at)}unknown key {quoted}; {hint}",
+                f"{prefix_of(at)}unknown key {quoted}; {hint}",
                 pointer=f"{at}/{pointer_token(name)}",
                 code="unknown_key",
             )
@@ -359,6 +359,6 @@ def wrong_value(
 ) -> ConfigError:
     """The error about the value of a key, whose parent is at the pointer `at`."""
     return ConfigError(
-        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
+        f"{prefix_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{name}",
     )

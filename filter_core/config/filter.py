@@ -46,7 +46,7 @@ from filter_core.evidence_kinds import (
     ChannelName,
 )
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.values import JsonObject, place_of, pointer_token, shown, similar
+from filter_core.values import JsonObject, pointer_token, prefix_of, shown, similar
 from filter_core.verdicts import Profile
 
 
@@ -79,7 +79,7 @@ class ClassConfig(
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
-                f"{place_of(at)}expected a mapping of keys, found {shown(raw)}",
+                f"{prefix_of(at)}expected a mapping of keys, found {shown(raw)}",
                 pointer=at,
             )
         keys = keys_of(ClassConfig)

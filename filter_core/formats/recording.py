@@ -59,7 +59,7 @@ from filter_core.formats.tables.patterns import (
     FilePatterns,
 )
 from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels, TagScale
-from filter_core.values import place_of, pointer_token, shown
+from filter_core.values import pointer_token, prefix_of, shown
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -653,7 +653,7 @@ def _section(
         return
     if not isinstance(section, Mapping):
         raise ConfigError(
-            f"{place_of(at)}expected a mapping of keys, found {shown(section)}",
+            f"{prefix_of(at)}expected a mapping of keys, found {shown(section)}",
             pointer=at,
         )
     prefix = f"{name}." if name else ""
