@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.arrays import BoolArray, IntArray
-from filter_core.class_names import canonical_class, class_meant_by
+from filter_core.class_names import canonical_class
 from filter_core.errors import ConfigError
 from filter_core.evidence_numbers import UNKNOWN_COLUMN
 from filter_core.segmentation.palettes import (
@@ -90,11 +90,6 @@ PASS: Final = "pass"
 """In place of a class in a class map: boxes of that name are not measured."""
 
 
-def measured_class(name: str) -> str:
-    """The filter's class as which a name is measured, or the name if it means none."""
-    return class_meant_by(name) or name
-
-
 def accept_mask_of(
     class_name: str,
     family: str | None,
@@ -108,7 +103,7 @@ def accept_mask_of(
     Parameters
     ----------
     class_name : str
-        One of `MEASURED_CLASSES` or an alias; `measured_class` gives it for any name.
+        One of `MEASURED_CLASSES` or an alias; `class_meant_by` gives it for any name.
     family : str or None
         A key of `filter_core.segmentation.palettes.FAMILIES`. None: nothing was
         measured, so only whether the class is mapped matters; the newest family that

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.arrays import Dataclass
+from filter_core.class_names import class_meant_by
 from filter_core.classes import (
     MAX_ACCEPT,
     MAX_CHANGED_TAGS,
@@ -25,7 +26,6 @@ from filter_core.classes import (
     PASS,
     canonical_accept,
     canonical_tags,
-    measured_class,
 )
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
@@ -249,7 +249,7 @@ class ClassName:
         """See `Allowed.checked`; a name that means a class becomes that class."""
         if not isinstance(value, str) or not 0 < len(value) <= MAX_CLASS_NAME:
             raise wrong_value(name, value, str(self), at)
-        return measured_class(value)
+        return class_meant_by(value) or value
 
     def schema(self) -> dict[str, object]:
         """See `Allowed.schema`; the examples are the classes that need no others."""
