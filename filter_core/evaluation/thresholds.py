@@ -411,19 +411,16 @@ def with_thresholds(
     return config
 
 
-@dataclass
 class TruthCollector:
     """Collects boxes of known truth, frame by frame, decided by ``semantic``.
 
     It keeps about 40 bytes per box.
     """
 
-    config: FilterConfig
-    _classes: dict[str, int] = field(default_factory=dict)
-    _parts: list[Judged] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.config = replace(self.config, evidence="semantic")
+    def __init__(self, config: FilterConfig) -> None:
+        self.config = replace(config, evidence="semantic")
+        self._classes: dict[str, int] = {}
+        self._parts: list[Judged] = []
 
     def add(self, evidence: Evidence, visible: BoolArray) -> None:
         """Add the boxes of a frame; `visible` (N,) is the truth."""
