@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.arrays import BoolArray, IntArray
-from filter_core.class_names import canonical_class, class_meant_by
+from filter_core.class_names import canonical_class
 from filter_core.errors import ConfigError
 from filter_core.evidence_numbers import UNKNOWN_COLUMN
 from filter_core.segmentation.palettes import (
@@ -25,7 +25,7 @@ from filter_core.segmentation.palettes import (
     PUBLISHED_COLORS,
     Palette,
 )
-from filter_core.values import nearest, place_of, pointer_token, shown
+from filter_core.values import nearest, pointer_token, prefix_of, shown
 from filter_core.verdicts import Profile
 
 # A class accepts several tags: a driven van is tagged Truck and a parked one Car, a
@@ -90,11 +90,6 @@ PASS: Final = "pass"
 """In place of a class in a class map: boxes of that name are not measured."""
 
 
-def measured_class(name: str) -> str:
-    """The filter's class as which a name is measured, or the name if it means none."""
-    return class_meant_by(name) or name
-
-
 def accept_mask_of(
     class_name: str,
     family: str | None,
@@ -108,7 +103,7 @@ def accept_mask_of(
     Parameters
     ----------
     class_name : str
-        One of `MEASURED_CLASSES` or an alias; `measured_class` gives it for any name.
+        One of `MEASURED_CLASSES` or an alias; `class_meant_by` gives it for any name.
     family : str or None
         A key of `filter_core.segmentation.palettes.FAMILIES`. None: nothing was
         measured, so only whether the class is mapped matters; the newest family that
@@ -215,7 +210,7 @@ def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     """
     if not isinstance(value, list | tuple) or not 0 < len(value) <= MAX_ACCEPT:
         raise ConfigError(
-            f"{place_of(at) or 'accept: '}expected a list of 1 to {MAX_ACCEPT} tag "
+            f"{prefix_of(at) or 'accept: '}expected a list of 1 to {MAX_ACCEPT} tag "
             f"names or numbers, found {shown(value)}",
             pointer=at,
         )
@@ -228,7 +223,7 @@ def _canonical_tag(tag: object, at: str) -> str | int:
         if 0 <= tag <= LAST_TAG:
             return tag
         fault = f"expected a tag from 0 to {LAST_TAG}, found {str(tag)[:60]}"
-        raise ConfigError(f"{place_of(at) or 'accept: '}{fault}", pointer=at)
+        raise ConfigError(f"{prefix_of(at) or 'accept: '}{fault}", pointer=at)
     return _canonical_name(tag, at, "accept: ")
 
 
@@ -237,8 +232,8 @@ def _canonical_name(tag: object, at: str, owner: str = "") -> str:
         return _TAG_NAMES[tag.casefold()]
     close = nearest(str(tag).casefold(), _TAG_NAMES)
     raise ConfigError(
-        f"{place_of(at) or owner}unknown tag {str(tag)[:60]!r}; the nearest valid name "
-        f"is {_TAG_NAMES[close]!r}",
+        f"{prefix_of(at) or owner}unknown tag {str(tag)[:60]!r}; the nearest valid "
+        f"name is {_TAG_NAMES[close]!r}",
         pointer=at,
     )
 
@@ -260,8 +255,8 @@ def canonical_tags(value: object, *, at: str = "") -> dict[str, str]:
     """
     if not isinstance(value, Mapping) or len(value) > MAX_CHANGED_TAGS:
         raise ConfigError(
-            f"{place_of(at) or 'tags: '}expected at most {MAX_CHANGED_TAGS} numbers or "
-            f"colours, each with the name of a tag, found {shown(value)}",
+            f"{prefix_of(at) or 'tags: '}expected at most {MAX_CHANGED_TAGS} numbers "
+            f"or colours, each with the name of a tag, found {shown(value)}",
             pointer=at,
         )
     tags: dict[str, str] = {}
@@ -270,7 +265,7 @@ def canonical_tags(value: object, *, at: str = "") -> dict[str, str]:
         key = _canonical_value(raw_key, place)
         if key in tags:
             raise ConfigError(
-                f"{place_of(at)}{key} is given twice; keep one", pointer=place
+                f"{prefix_of(at)}{key} is given twice; keep one", pointer=place
             )
         tags[key] = _canonical_name(name, place)
     # In one order, since equal configurations have equal digests.
@@ -287,7 +282,7 @@ def _canonical_value(value: object, at: str) -> str:
     if channels and all(int(level) <= _MAX_LEVEL for level in channels.groups()):
         return f"#{bytes(map(int, channels.groups())).hex()}"
     raise ConfigError(
-        f"{place_of(at)}expected a number from 0 to {_MAX_LEVEL}, or a colour such as "
+        f"{prefix_of(at)}expected a number from 0 to {_MAX_LEVEL}, or a colour such as "
         f'"#dc143c" (in quotes) or [220, 20, 60], found {str(value)[:60]!r}',
         pointer=at,
     )

@@ -6,7 +6,7 @@ them. So some images are looked at together, before any is measured.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -117,15 +117,8 @@ _Image: TypeAlias = tuple[str, Path]
 """The key of a frame, and its segmentation."""
 
 
-class _Vote(NamedTuple):
-    """What the segmentation of a frame tells: families, and with orders of channels.
-
-    The paper's table is only among them if no version of CARLA is.
-    """
-
-    key: str
-    families: frozenset[str]
-    readings: frozenset[tuple[str, ChannelOrder]]
+_Readings: TypeAlias = frozenset[tuple[str, ChannelOrder]]
+"""The families that a segmentation may have, each with an order of channels."""
 
 
 def _shown_family(
@@ -140,7 +133,8 @@ def _shown_family(
         if frame.segmentation and not frame.problem and not _family_by_version(frame)
     ]
     fewest = min(len(images), max(_FEWEST_LOOKED_AT, len(images) // _LOOKED_AT_SHARE))
-    votes: list[_Vote] = []
+    votes: list[_Readings] = []
+    keys: dict[frozenset[str], str] = {}  # the first frame that tells these families
     common: frozenset[str] = frozenset()
     # Some images in an order in which any number of them is spread over all
     most = min(len(images), fewest * _MOST_TIMES)
@@ -154,16 +148,17 @@ def _shown_family(
     ):
         if len(common) == 1 and number >= fewest:
             break
-        if vote := _vote(key, image, config):
-            votes.append(vote)
-            common = _common(votes)
+        if readings := _readings(image, config):
+            votes.append(readings)
+            keys.setdefault(_families(readings), key)
+            common = _common(keys)
     if len(common) != 1:
         return {}, ()
     (family,) = common
     orders = frozenset(ORDERS).intersection(
-        *({order for name, order in vote.readings if name == family} for vote in votes)
+        *({order for name, order in vote if name == family} for vote in votes)
     )
-    telling = sum(vote.families == common for vote in votes)
+    telling = sum(_families(vote) == common for vote in votes)
     note = (
         f"tags of {family}: told by {telling or 'none'} of the {len(votes)} "
         f"segmentations that were looked at{'' if telling else ' alone, but together'}"
@@ -177,28 +172,32 @@ def _family_by_version(frame: FrameSource) -> str | None:
     return known_family((frame.annotation or {}).get("carla_version"))
 
 
-def _vote(key: str, image: Path, config: FilterConfig) -> _Vote | None:
+def _readings(image: Path, config: FilterConfig) -> _Readings:
     try:
         content = read_file(image, "segmentation")
-        segmentation = read_segmentation(content, config.measuring().reading)
+        return read_segmentation(content, config.measuring().reading).readings
     except FilterError:
-        return None  # said when the frame is used, unless others tell its family
-    families = frozenset(family for family, _ in segmentation.readings)
-    return _Vote(key, families - {PAPER_TABLE} or families, segmentation.readings)
+        return frozenset()  # said when the frame is used, unless others tell its family
 
 
-def _common(votes: Sequence[_Vote]) -> frozenset[str]:
-    """The families that fit all images."""
+def _families(readings: _Readings) -> frozenset[str]:
+    """The families alone; the paper's table only if no version of CARLA is told."""
+    families = frozenset(family for family, _ in readings)
+    return families - {PAPER_TABLE} or families
+
+
+def _common(keys: Mapping[frozenset[str], str]) -> frozenset[str]:
+    """The families that fit all images; `keys` has a frame for those that differ."""
     # CARLA does not render the paper's table, so that others can explain such an image.
-    usual = [vote for vote in votes if vote.families != {PAPER_TABLE}] or votes
-    common = frozenset.intersection(*(vote.families for vote in usual))
+    usual = [families for families in keys if families != {PAPER_TABLE}] or [*keys]
+    common = frozenset.intersection(*usual)
     if common:
         return common
     *before, last = usual
-    other = min(before, key=lambda vote: len(vote.families & last.families))
+    other = min(before, key=lambda families: len(families & last))
     first, second = (
-        f"{vote.key} is of {' or '.join(sorted(vote.families))}"
-        for vote in (other, last)
+        f"{keys[families]} is of {' or '.join(sorted(families))}"
+        for families in (other, last)
     )
     raise LayoutError(
         f"expected segmentations of one family of tags, found several: {first}, "

@@ -400,7 +400,7 @@ def _shown_number(value: object) -> str:
     return str(value)
 
 
-def place_of(at: str) -> str:
+def prefix_of(at: str) -> str:
     """A JSON pointer as the beginning of a message."""
     return f"{at.strip('/').replace('/', '.')}: " if at else ""
 

@@ -436,7 +436,7 @@ class _Response:
         """
         frames = opened.frames
         self.layout = frames.layout
-        doubt = next((other.error for other in opened.others), None)
+        doubt = next(iter(opened.others), None)
 
         def written() -> Iterator[FrameSource]:
             for frame in frames:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.arrays import Dataclass
+from filter_core.class_names import class_meant_by
 from filter_core.classes import (
     MAX_ACCEPT,
     MAX_CHANGED_TAGS,
@@ -25,12 +26,11 @@ from filter_core.classes import (
     PASS,
     canonical_accept,
     canonical_tags,
-    measured_class,
 )
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
 from filter_core.segmentation.palettes import LAST_TAG
-from filter_core.values import place_of, pointer_token, shown, similar
+from filter_core.values import pointer_token, prefix_of, shown, similar
 
 Number: TypeAlias = float | int
 
@@ -249,7 +249,7 @@ class ClassName:
         """See `Allowed.checked`; a name that means a class becomes that class."""
         if not isinstance(value, str) or not 0 < len(value) <= MAX_CLASS_NAME:
             raise wrong_value(name, value, str(self), at)
-        return measured_class(value)
+        return class_meant_by(value) or value
 
     def schema(self) -> dict[str, object]:
         """See `Allowed.schema`; the examples are the classes that need no others."""
@@ -348,7 +348,7 @@ def refuse_unknown_keys(
             text = repr(name)
             quoted = text if len(text) <= 60 else f"{text[:57]}..."
             raise ConfigError(
-                f"{place_of(at)}unknown key {quoted}; {hint}",
+                f"{prefix_of(at)}unknown key {quoted}; {hint}",
                 pointer=f"{at}/{pointer_token(name)}",
                 code="unknown_key",
             )
@@ -359,6 +359,6 @@ def wrong_value(
 ) -> ConfigError:
     """The error about the value of a key, whose parent is at the pointer `at`."""
     return ConfigError(
-        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
+        f"{prefix_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{name}",
     )

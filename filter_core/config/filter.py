@@ -19,8 +19,8 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 
 from filter_core.arrays import BoolArray, FloatArray, IntArray
-from filter_core.class_names import canonical_class
-from filter_core.classes import MEASURED_CLASSES, PASS, measured_class
+from filter_core.class_names import canonical_class, class_meant_by
+from filter_core.classes import MEASURED_CLASSES, PASS
 from filter_core.config.declaration import (
     INHERIT,
     MAX_CLASS_NAME,
@@ -46,7 +46,7 @@ from filter_core.evidence_kinds import (
     ChannelName,
 )
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.values import JsonObject, place_of, pointer_token, shown, similar
+from filter_core.values import JsonObject, pointer_token, prefix_of, shown, similar
 from filter_core.verdicts import Profile
 
 
@@ -79,7 +79,7 @@ class ClassConfig(
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
-                f"{place_of(at)}expected a mapping of keys, found {shown(raw)}",
+                f"{prefix_of(at)}expected a mapping of keys, found {shown(raw)}",
                 pointer=at,
             )
         keys = keys_of(ClassConfig)
@@ -238,7 +238,7 @@ class DecideConfig(DecidingKeys, ClassLimits):
         """
         own = self.classes.get(canonical_class(name), _NO_OVERRIDES)
         is_mapped = own.measures_as is not INHERIT
-        target = str(own.measures_as) if is_mapped else measured_class(name)
+        target = str(own.measures_as) if is_mapped else class_meant_by(name) or name
         other = self.classes.get(target, _NO_OVERRIDES)
         if other is _NO_OVERRIDES or other is own:
             return own

@@ -47,7 +47,7 @@ from filter_core.evidence_kinds import AUTO, SEMANTIC, EvidenceChoice
 from filter_core.evidence_numbers import DepthEncoding
 from filter_core.frame_boxes import ProjectionMode
 from filter_core.segmentation.reading import (
-    PALETTES,
+    FAMILY_NAMES,
     Encoding,
     Lossy,
     OrderOfChannels,
@@ -238,7 +238,7 @@ class ReadingKeys:
         needs_pixels=True,
     )
     palette: str = key(
-        AllowedWords(PALETTES),
+        AllowedWords(FAMILY_NAMES),
         "auto",
         "Which of CARLA's tables of tags segmentations are made with.",
         needs_pixels=True,

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from filter_core.arrays import IntArray
-from filter_core.class_names import canonical_class
-from filter_core.classes import PASS, accept_mask_of, measured_class
+from filter_core.class_names import canonical_class, class_meant_by
+from filter_core.classes import PASS, accept_mask_of
 from filter_core.evidence_kinds import CHANNELS, ChannelName, files_for
 from filter_core.evidence_numbers import DepthEncoding
 from filter_core.frame_boxes import ProjectionMode
@@ -226,7 +226,7 @@ class MeasureConfig:
         # Profile carlasimu knows the names of the published code only.
         if self.profile == "carlasimu" or self.version == 1:
             return own_name
-        return measured_class(name)
+        return class_meant_by(name) or name
 
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.

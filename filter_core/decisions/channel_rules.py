@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -36,17 +36,17 @@ def apply_channels(
     reason is final (`Reason.is_final`) stays. What a channel decides has no threshold
     in percent: `threshold` and `margin` become NaN.
     """
-    if evidence.channels is None or config.evidence == SEMANTIC:
+    numbers = evidence.channels
+    if numbers is None or config.evidence == SEMANTIC:
         return
-    boxes = _boxes_of(evidence, evidence.channels, config)
+    own_needed = _own_pixels_needed(evidence, config)
     open_to_channels = ~IS_FINAL.take(decisions.reason)
     for name in config.channels:
         rows = np.flatnonzero(open_to_channels & has_number(evidence, name))
         open_to_channels[rows] = False
         channel = _CHANNELS[name]
-        reasons = np.where(
-            channel.keeps(boxes), Reason.VISIBLE, channel.rejected(boxes)
-        )
+        kept = channel.keeps(numbers, config, own_needed)
+        reasons = np.where(kept, Reason.VISIBLE, channel.rejected(numbers))
         decisions.overwrite(rows, reasons[rows], 1 + CHANNELS.index(name))
 
 
@@ -80,13 +80,15 @@ def compared_by_channels(
     """
     count = len(evidence)
     number, needed = np.full(count, np.nan), np.full(count, np.nan)
-    if evidence.channels is None:
+    numbers = evidence.channels
+    if numbers is None:
         return number, needed
-    boxes = _boxes_of(evidence, evidence.channels, config)
+    own_needed = _own_pixels_needed(evidence, config)
     for code in np.unique(decisions.channel[decisions.channel > 0]).tolist():
         rows, channel = decisions.channel == code, _CHANNELS[CHANNELS[code - 1]]
-        number[rows] = channel.number(boxes.numbers)[rows]
-        needed[rows] = np.broadcast_to(channel.needed(boxes), count)[rows]
+        number[rows] = channel.number(numbers)[rows]
+        limit = channel.needed(numbers, config, own_needed)
+        needed[rows] = np.broadcast_to(limit, count)[rows]
     return number, needed
 
 
@@ -97,7 +99,8 @@ def keeps(evidence: Evidence, config: DecideConfig, channel: ChannelName) -> Boo
     """
     if evidence.channels is None:
         raise ValueError(f"expected numbers of {channel}, found no channel's")
-    return _CHANNELS[channel].keeps(_boxes_of(evidence, evidence.channels, config))
+    own_needed = _own_pixels_needed(evidence, config)
+    return _CHANNELS[channel].keeps(evidence.channels, config, own_needed)
 
 
 def channel_names(decisions: Decisions) -> list[ChannelName | None]:
@@ -166,32 +169,22 @@ _PIXEL_COLUMNS: Final = ("owned_pixels", "depth_pixels", "instance_pixels")
 """The fields of `ChannelNumbers` that count pixels of a box."""
 
 
-class _Boxes(NamedTuple):
-    """What the rules of channels read of N boxes.
-
-    `own_pixels_needed` (N,) are the fewest pixels of its own that keep a box:
-    `min_visible_pixels`, and `min_visible_percent` of its pixels.
-    """
-
-    numbers: ChannelNumbers
-    config: DecideConfig
-    own_pixels_needed: IntArray
-
-
 _ROUNDING: Final = 1e-9
 """Of a pixel: 10 % of 30 pixels are 3, whatever floating-point numbers say."""
 
 
-def _boxes_of(
-    evidence: Evidence, numbers: ChannelNumbers, config: DecideConfig
-) -> _Boxes:
+def _own_pixels_needed(evidence: Evidence, config: DecideConfig) -> IntArray:
+    """(N,): the fewest pixels of its own that keep each box.
+
+    They are `min_visible_pixels`, and `min_visible_percent` of its pixels.
+    """
     limits = config.limits_by_class(evidence.class_names)
     needed = pixels_needed(evidence, config)
     if limits.min_visible_percent.any():
         share = limits.min_visible_percent[evidence.class_index] / 100
         share = share * _pixels_of(evidence)
         needed = np.maximum(needed, np.ceil(share - _ROUNDING).astype(np.int64))
-    return _Boxes(numbers, config, needed)
+    return needed
 
 
 @dataclass(frozen=True)
@@ -204,14 +197,15 @@ class _Channel:
         The field of `ChannelNumbers` that it compares.
     needed : callable
         The limit of that number, as (N,) or one for all: a box is kept if its number is
-        at least this, or with `at_most`, if it is not more.
+        at least this, or with `at_most`, if it is not more. From the numbers of N
+        boxes, the configuration and `_own_pixels_needed`.
     rejected : callable
         The reason of boxes that are not kept, as (N,) or one for all.
     """
 
     column: str
-    needed: Callable[[_Boxes], IntArray | float]
-    rejected: Callable[[_Boxes], IntArray | Reason]
+    needed: Callable[[ChannelNumbers, DecideConfig, IntArray], IntArray | float]
+    rejected: Callable[[ChannelNumbers], IntArray | Reason]
     at_most: bool = False
 
     def number(self, numbers: ChannelNumbers) -> FloatArray | IntArray:
@@ -219,28 +213,32 @@ class _Channel:
         column: FloatArray | IntArray = getattr(numbers, self.column)
         return column
 
-    def keeps(self, boxes: _Boxes) -> BoolArray:
+    def keeps(
+        self, numbers: ChannelNumbers, config: DecideConfig, own_needed: IntArray
+    ) -> BoolArray:
         """(N,) bool: whether the number of each box is one that keeps it."""
-        number, needed = self.number(boxes.numbers), self.needed(boxes)
+        number, needed = self.number(numbers), self.needed(numbers, config, own_needed)
         return np.asarray(number <= needed if self.at_most else number >= needed)
 
 
-def _ordered_needed(boxes: _Boxes) -> IntArray:
+def _ordered_needed(
+    numbers: ChannelNumbers, config: DecideConfig, own_needed: IntArray
+) -> IntArray:
     # A box that has lost pixels to a nearer one (`filter_core.evidence.ordered`) needs
     # `ordered_min_pixels`, too; all others at least 1.
-    least = np.where(_has_lost_pixels(boxes), boxes.config.ordered_min_pixels, 1)
-    return np.maximum(boxes.own_pixels_needed, least)
+    least = np.where(_has_lost_pixels(numbers), config.ordered_min_pixels, 1)
+    return np.maximum(own_needed, least)
 
 
-def _ordered_rejected(boxes: _Boxes) -> IntArray:
+def _ordered_rejected(numbers: ChannelNumbers) -> IntArray:
     return np.where(
-        _has_lost_pixels(boxes), Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS
+        _has_lost_pixels(numbers), Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS
     )
 
 
-def _has_lost_pixels(boxes: _Boxes) -> BoolArray:
+def _has_lost_pixels(numbers: ChannelNumbers) -> BoolArray:
     # The nearer box that takes most of its pixels; `NOT_MEASURED`: none takes any.
-    taken_by = boxes.numbers.explained_by
+    taken_by = numbers.explained_by
     has_lost: BoolArray = taken_by != NOT_MEASURED
     return has_lost
 
@@ -251,24 +249,24 @@ _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
     ),
     "depth": _Channel(
         column="depth_pixels",
-        needed=lambda boxes: boxes.own_pixels_needed,
+        needed=lambda _numbers, _config, own_needed: own_needed,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
     ),
     "depth_center": _Channel(
         column="center_gap",
-        needed=lambda boxes: boxes.config.depth_tolerance,
+        needed=lambda _numbers, config, _own: config.depth_tolerance,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
         at_most=True,
     ),
     "instance": _Channel(
         column="instance_pixels",
         # At least 1: 0 pixels mean that no instance was assigned to the box.
-        needed=lambda boxes: np.maximum(boxes.own_pixels_needed, 1),
+        needed=lambda _numbers, _config, own_needed: np.maximum(own_needed, 1),
         rejected=lambda _: Reason.HIDDEN_BY_INSTANCE,
     ),
     "lidar": _Channel(
         column="lidar_points",
-        needed=lambda boxes: boxes.config.lidar_min_points,
+        needed=lambda _numbers, config, _own: config.lidar_min_points,
         rejected=lambda _: Reason.TOO_FEW_LIDAR_POINTS,
     ),
 }

@@ -11,8 +11,8 @@ figures of another one, and the command that prints them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from enum import IntEnum
 from typing import Final, Literal, NamedTuple, TypeAlias
 
@@ -180,8 +180,22 @@ def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Do
     """
     verdict = VERDICT_OF_REASON.take(decisions.reason)
     count = len(evidence)
-    none = np.zeros(count, np.uint8)
-    likely = _LikelyErrors(np.zeros(count), none, none.copy())
+    # The share of boxes like each of these that is wrong, and why
+    wrong, likely_cause = np.zeros(count), np.zeros(count, np.uint8)
+    against = np.zeros(count, np.uint8)
+
+    def raise_share(
+        which: BoolArray,
+        share: FloatArray | float,
+        cause: Cause,
+        other: EvidenceName = SEMANTIC,
+    ) -> None:
+        """Raise the share of these boxes to this one, where it is lower."""
+        raised = which & (wrong < share)
+        np.copyto(wrong, share, where=raised)
+        np.putmask(likely_cause, raised, np.uint8(cause))
+        np.putmask(against, raised, np.uint8(KINDS.index(other)))
+
     is_open = ~IS_FINAL.take(decisions.reason)
     kept, rejected = is_open & (verdict == KEPT), is_open & (verdict == REJECTED)
     # Doubts about boxes that tags decided: pixels may belong to another box
@@ -197,42 +211,43 @@ def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Do
     some = _SOME_PIXELS * (1 - crowded / 2)
     share = np.where(fits, np.where(is_kept, covered, some), _OWN_PIXELS)
     share[is_kept & ~fits] = 0
-    likely.share[rows] = share
-    likely.cause[rows] = np.where(
+    wrong[rows] = share
+    likely_cause[rows] = np.where(
         fits, np.where(is_kept, Cause.COVERED, Cause.SOME_PIXELS), Cause.OWN_PIXELS
     )
-    likely.at_least(decisions.toss_up, _TOSS_UP, Cause.TOSS_UP)
+    raise_share(decisions.toss_up, _TOSS_UP, Cause.TOSS_UP)
     undecided = (verdict == UNMEASURED) & (decisions.reason != Reason.PASSED)
-    likely.at_least(undecided, _UNDECIDED, Cause.UNDECIDED)
+    raise_share(undecided, _UNDECIDED, Cause.UNDECIDED)
     if decisions.channel.any():
         number, _ = compared_by_channels(evidence, config, decisions)
         counts_pixels = np.isin(decisions.channel, _PIXEL_CODES)
         few = rejected & counts_pixels & (number > 0)
-        likely.at_least(few, _FEW_PIXELS, Cause.FEW_PIXELS)
-        _by_other_kinds(evidence, config, decisions, kept, likely)
+        raise_share(few, _FEW_PIXELS, Cause.FEW_PIXELS)
+        for other, differs, share in _other_kinds(evidence, config, decisions, kept):
+            raise_share(differs, share, Cause.OTHER_KIND, other)
     doubt = np.full(len(evidence), Bin.SURE, np.int16)
     rejected = evidence.measured & (verdict == REJECTED)
     doubt[rejected & (evidence.matched_pixels + evidence.unknown_pixels == 0)] = (
         Bin.WALL
     )
-    asked = np.flatnonzero(likely.share >= _LEAST)
+    asked = np.flatnonzero(wrong >= _LEAST)
     # (M,): how much answers on the boxes `asked` are worth, from 1 to 100
     boxes, decided = evidence.take(asked), decisions[asked]
     number, needed = compared_by_channels(boxes, config, decided)
     own = np.where(np.isnan(number), boxes.matched_pixels, number)
     side = shorter_side(boxes)
     seen = np.where(own > 0, np.minimum(side, np.sqrt(np.maximum(own, 0))), side)
-    teaches = decided.toss_up | (likely.cause[asked] == Cause.OTHER_KIND)
+    teaches = decided.toss_up | (likely_cause[asked] == Cause.OTHER_KIND)
     teaches |= (number >= needed / 2) & (number <= 2 * needed)
-    worth = 100 * likely.share[asked] * np.minimum(seen / _SEEN_SIDE, 1.0)
+    worth = 100 * wrong[asked] * np.minimum(seen / _SEEN_SIDE, 1.0)
     worth *= np.where(teaches, 1.0, _OTHERS)
     worth *= np.where(side < _SEEN_SIDE, _LAST, 1.0)
     rounded: NDArray[np.int16] = np.maximum(np.rint(worth), Bin.ASK).astype(np.int16)
     doubt[asked] = rounded
     doubt[shorter_side(evidence) < config.review_min_side] = Bin.SMALL
     doubt[~_IN_IMAGE.take(decisions.reason)] = Bin.SURE
-    cause = np.where(doubt >= Bin.ASK, likely.cause, np.uint8(Cause.NONE))
-    return Doubts(doubt, cause, likely.against)
+    cause = np.where(doubt >= Bin.ASK, likely_cause, np.uint8(Cause.NONE))
+    return Doubts(doubt, cause, against)
 
 
 def bins_of(doubt: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -328,42 +343,19 @@ _IN_IMAGE: Final = np.array([False, *(reason.in_image for reason in Reason)])
 """`Reason.in_image` by the number of the reason; there is no reason 0."""
 
 
-@dataclass(frozen=True, eq=False)
-class _LikelyErrors:
-    """The share of boxes like each of N that is wrong, and why: changed in place."""
-
-    share: FloatArray
-    cause: NDArray[np.uint8]
-    against: NDArray[np.uint8]
-
-    def at_least(
-        self,
-        which: BoolArray,
-        share: FloatArray | float,
-        cause: Cause,
-        against: EvidenceName = SEMANTIC,
-    ) -> None:
-        """Raise the share of these boxes to this one, where it is lower."""
-        raised = which & (self.share < share)
-        np.copyto(self.share, share, where=raised)
-        np.putmask(self.cause, raised, np.uint8(cause))
-        np.putmask(self.against, raised, np.uint8(KINDS.index(against)))
-
-
 _PIXEL_CODES: Final = [
     1 + CHANNELS.index(name) for name in ("ordered", "depth", "instance")
 ]
 """The channels that count a box's own pixels, as in `Decisions.channel`."""
 
 
-def _by_other_kinds(
-    evidence: Evidence,
-    config: DecideConfig,
-    decisions: Decisions,
-    is_kept: BoolArray,
-    likely: _LikelyErrors,
-) -> None:
-    """Doubts about boxes that a channel decided: others would decide otherwise."""
+def _other_kinds(
+    evidence: Evidence, config: DecideConfig, decisions: Decisions, is_kept: BoolArray
+) -> Iterator[tuple[EvidenceName, BoolArray, FloatArray]]:
+    """Kinds that would decide boxes otherwise than the channel that decided them.
+
+    With each (N,) bool, which boxes these are, and (N,), the share that is wrong.
+    """
     has_depth = has_number(evidence, "depth")
     for decided_by, other, if_rejected, if_kept in _DISAGREEMENTS:
         asked = decisions.channel == 1 + CHANNELS.index(decided_by)
@@ -382,5 +374,4 @@ def _by_other_kinds(
         else:
             would_keep[rows] = keeps(evidence, config, other)[rows]
         share = np.where(is_kept, if_kept, if_rejected)
-        differs = asked & (is_kept != would_keep)
-        likely.at_least(differs, share, Cause.OTHER_KIND, other)
+        yield other, asked & (is_kept != would_keep), share

@@ -8,8 +8,7 @@ deleted, so the two files together tell the answers.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Final, TypeAlias
 
@@ -23,64 +22,59 @@ _SAME_PX: Final = 0.01
 _Box: TypeAlias = Mapping[str, object]
 
 
-@dataclass
-class EditedExport:
-    """The answers that an edited export has, by the key of their frame.
+def edited_answers(
+    exported: FrameSet, edited: FrameSet, by: str, at: datetime
+) -> tuple[list[tuple[str, GivenAnswer]], Counter[str]]:
+    """The answers that an edited export has, each with the key of its frame; counts.
 
-    Attributes
+    Parameters
     ----------
     exported, edited : FrameSet
         As it was written, and as the other program saved it, with the same keys.
     by, at : str, datetime
         Who labelled the frames, and when, where the file does not say it.
+
+    Returns
+    -------
+    answers : list of (str, GivenAnswer)
+        In the order of `edited`.
     counts : Counter of str
-        While the answers are read: ``frames`` with answers; ``untouched`` frames, which
-        nobody has labelled; ``elsewhere``, which the export does not have; ``faulty``
-        ones; boxes that are ``new``, and ``changed`` ones, which have another class or
-        rectangle. New boxes and changes are not answers.
+        ``frames`` with answers; ``untouched`` frames, which nobody has labelled;
+        ``elsewhere``, which the export does not have; ``faulty`` ones; boxes that are
+        ``new``, and ``changed`` ones, which have another class or rectangle. New boxes
+        and changes are not answers.
     """
-
-    exported: FrameSet
-    edited: FrameSet
-    by: str
-    at: datetime
-    counts: Counter[str] = field(default_factory=Counter)
-
-    def answers(self) -> Iterator[tuple[str, GivenAnswer]]:
-        """The answers, each with the key of its frame, in the order of `edited`."""
-        self.counts.clear()
-        exported = {frame.key: _boxes(frame) for frame in self.exported}
-        for frame in self.edited:
-            before = exported.get(frame.key)
-            if frame.problem or before is None:
-                self.counts["faulty" if frame.problem else "elsewhere"] += 1
-            elif frame.labelled is None:
-                self.counts["untouched"] += 1
-            else:
-                self.counts["frames"] += 1
-                by, at = frame.labelled.by or self.by, frame.labelled.at or self.at
-                for box, verdict in self._verdicts(frame, before):
-                    answer = GivenAnswer(box, verdict, by, "", at.isoformat())
-                    yield frame.key, answer
-
-    def _verdicts(
-        self, frame: FrameSource, before: Mapping[str, _Box]
-    ) -> Iterator[tuple[str, str]]:
+    answers: list[tuple[str, GivenAnswer]] = []
+    counts: Counter[str] = Counter()
+    before = {frame.key: _boxes(frame) for frame in exported}
+    for frame in edited:
+        if frame.problem or frame.key not in before:
+            counts["faulty" if frame.problem else "elsewhere"] += 1
+            continue
+        if frame.labelled is None:
+            counts["untouched"] += 1
+            continue
+        counts["frames"] += 1
+        person, time = frame.labelled.by or by, frame.labelled.at or at
         after = _boxes(frame)
-        of_export = after.keys() & before.keys()
-        self.counts["new"] += len(_list_of(frame)) - len(of_export)
-        for name, box in before.items():
-            there = after.get(name)
-            if there is not None:
-                corners, edited = box.get("xyxy"), there.get("xyxy")
-                is_same = (
-                    box.get("class") == there.get("class")
-                    and isinstance(corners, list)
-                    and isinstance(edited, list)
-                    and np.allclose(corners, edited, rtol=0, atol=_SAME_PX)
-                )
-                self.counts["changed"] += not is_same
-            yield name, "reject" if there is None else "keep"
+        kept = before[frame.key].keys() & after.keys()
+        counts["new"] += len(_list_of(frame)) - len(kept)
+        for name, box in before[frame.key].items():
+            verdict = "keep" if name in kept else "reject"
+            counts["changed"] += name in kept and not _is_same(box, after[name])
+            answer = GivenAnswer(name, verdict, person, "", time.isoformat())
+            answers.append((frame.key, answer))
+    return answers, counts
+
+
+def _is_same(box: _Box, edited: _Box) -> bool:
+    corners, others = box.get("xyxy"), edited.get("xyxy")
+    return (
+        box.get("class") == edited.get("class")
+        and isinstance(corners, list)
+        and isinstance(others, list)
+        and np.allclose(corners, others, rtol=0, atol=_SAME_PX)
+    )
 
 
 def _list_of(frame: FrameSource) -> Sequence[_Box]:

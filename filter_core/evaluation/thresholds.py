@@ -63,12 +63,16 @@ class Answers:
         those outside the image and so on. They count in every score.
     strict : bool
         A match equal to the threshold is rejected (profile ``carlasimu``).
+    class_name, key : str
+        The class, and the key of a configuration that the threshold is for.
     """
 
     match: FloatArray
     keep: BoolArray
     others: Confusion = field(default_factory=Confusion)
     strict: bool = False
+    class_name: str = ""
+    key: str = ""
 
     def __len__(self) -> int:
         return len(self.match) + self.others.boxes
@@ -101,17 +105,43 @@ class Point:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The best threshold for a goal, percent, with its 95 % interval and scores.
+    """The best threshold of a class for a goal, with its 95 % interval and scores.
 
     The scores are those of the threshold in use and of the suggested one, and a curve
     from the lowest threshold to the highest.
+
+    Attributes
+    ----------
+    key : str
+        The key of a configuration that it is for: ``threshold_small_box`` of boxes that
+        tags decide, ``min_visible_percent`` of those that a channel decides.
+    boxes : int
+        Boxes of known truth that it was found from.
+    threshold, interval : float, percent
     """
 
+    class_name: str
+    key: str
+    boxes: int
     threshold: float
     interval: tuple[float, float]
     at_current: Point
     at_suggested: Point
     curve: list[Point]
+
+    def as_dict(self) -> dict[str, object]:
+        """Ready for JSON."""
+        return {
+            "class": self.class_name,
+            "key": self.key,
+            "current": self.at_current.threshold,
+            "suggested": self.threshold,
+            "interval": list(self.interval),
+            "answers": self.boxes,
+            "f1_current": self.at_current.f1,
+            "f1_suggested": self.at_suggested.f1,
+            "curve": [dict(vars(point)) for point in self.curve],
+        }
 
 
 def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
@@ -155,6 +185,9 @@ def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
     low, high = np.quantile(np.repeat(thresholds, times), [0.025, 0.975]).tolist()
     at_current, at_chosen = cuts.points(np.array([current, chosen]))
     return Suggestion(
+        answers.class_name,
+        answers.key,
+        len(answers),
         chosen,
         (min(low, chosen), max(high, chosen)),
         at_current,
@@ -338,45 +371,9 @@ def _without_share(config: FilterConfig) -> FilterConfig:
     return replace(config, min_visible_percent=0, classes=classes)
 
 
-@dataclass(frozen=True)
-class ClassSuggestion:
-    """The suggestion for one class.
-
-    Attributes
-    ----------
-    key : str
-        The key of a configuration that it is for: ``threshold_small_box`` of boxes that
-        tags decide, ``min_visible_percent`` of those that a channel decides.
-    current : float, percent
-        The threshold in use.
-    boxes : int
-        Boxes of known truth that it was found from.
-    """
-
-    class_name: str
-    key: str
-    current: float
-    boxes: int
-    found: Suggestion
-
-    def as_dict(self) -> dict[str, object]:
-        """Ready for JSON."""
-        return {
-            "class": self.class_name,
-            "key": self.key,
-            "current": self.current,
-            "suggested": self.found.threshold,
-            "interval": list(self.found.interval),
-            "answers": self.boxes,
-            "f1_current": self.found.at_current.f1,
-            "f1_suggested": self.found.at_suggested.f1,
-            "curve": [dict(vars(point)) for point in self.found.curve],
-        }
-
-
 def suggest_per_class(
     judged: Judged, classes: Mapping[str, int], config: FilterConfig, goal: Goal
-) -> list[ClassSuggestion]:
+) -> list[Suggestion]:
     """A threshold for each class that has boxes of both kinds.
 
     Two of a class if tags decide some of its boxes, and a channel others. `judged` is
@@ -393,43 +390,37 @@ def suggest_per_class(
             free = mine.where(is_free)
             strict = config.profile == "carlasimu" and key == "threshold_small_box"
             others = mine.where(~is_free).confusion
-            answers = Answers(free.share, free.visible, others, strict=strict)
-            current = float(getattr(limits, key))
-            suggestion = suggest(answers, current, goal)
+            answers = Answers(free.share, free.visible, others, strict, name, key)
+            suggestion = suggest(answers, float(getattr(limits, key)), goal)
             if suggestion is not None:
-                suggestions.append(
-                    ClassSuggestion(name, key, current, len(answers), suggestion)
-                )
+                suggestions.append(suggestion)
     return suggestions
 
 
 def with_thresholds(
-    config: FilterConfig, suggestions: Iterable[ClassSuggestion]
+    config: FilterConfig, suggestions: Iterable[Suggestion]
 ) -> FilterConfig:
     """The configuration with the suggested threshold of each class."""
     change: Callable[..., ClassConfig] = replace
     for suggestion in suggestions:
         name = canonical_class(suggestion.class_name)
         changed = change(
-            config.of_class(name), **{suggestion.key: suggestion.found.threshold}
+            config.of_class(name), **{suggestion.key: suggestion.threshold}
         )
         config = replace(config, classes={**config.classes, name: changed})
     return config
 
 
-@dataclass
 class TruthCollector:
     """Collects boxes of known truth, frame by frame, decided by ``semantic``.
 
     It keeps about 40 bytes per box.
     """
 
-    config: FilterConfig
-    _classes: dict[str, int] = field(default_factory=dict)
-    _parts: list[Judged] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.config = replace(self.config, evidence="semantic")
+    def __init__(self, config: FilterConfig) -> None:
+        self.config = replace(config, evidence="semantic")
+        self._classes: dict[str, int] = {}
+        self._parts: list[Judged] = []
 
     def add(self, evidence: Evidence, visible: BoolArray) -> None:
         """Add the boxes of a frame; `visible` (N,) is the truth."""
@@ -441,7 +432,7 @@ class TruthCollector:
         numbered = np.array(keys, np.int64)[judged.class_key]
         self._parts.append(replace(judged, class_key=numbered))
 
-    def suggestions(self, goal: Goal) -> list[ClassSuggestion]:
+    def suggestions(self, goal: Goal) -> list[Suggestion]:
         """A threshold for each class that has boxes of both kinds, by name."""
         if not self._parts:
             return []

@@ -149,39 +149,35 @@ def compare(
     arms, and then seeds, both with replacement.
     """
     weights = [_weights(test, number) for number, test in enumerate(tests)]
-    scores: dict[TrialKey, _Scored] = {}
+    scores: dict[str, list[tuple[DetectionScore, dict[str, float]]]] = {}
+    # (1 + R, 2) each: mAP50 and mAP50-95, first of all frames, then of each resample
+    values: dict[TrialKey, FloatArray] = {}
     for trial in trials:
         test = trial.key.test
-        scores[trial.key] = _score(trial, tests[test], weights[test])
-        progress(len(scores))
-    arms = list(dict.fromkeys(key.arm for key in scores))
+        score, means, values[trial.key] = _score(trial, tests[test], weights[test])
+        scores.setdefault(trial.key.arm, []).append((score, means))
+        progress(len(values))
+    arms = list(scores)
     differences = {
         arm: {
-            "map50": _difference(scores, arm, arms[0], 0),
-            "map50_95": _difference(scores, arm, arms[0], 1),
+            "map50": _difference(values, arm, arms[0], 0),
+            "map50_95": _difference(values, arm, arms[0], 1),
         }
         for arm in arms[1:]
     }
     return {
         "baseline": arms[0],
         "tests": [test.name for test in tests],
-        "seeds": sorted({key.seed for key in scores}),
-        "arms": {arm: _arm_score(scores, arm) for arm in arms},
+        "seeds": sorted({key.seed for key in values}),
+        "arms": {
+            arm: _arm_score(
+                own, {key: both for key, both in values.items() if key.arm == arm}
+            )
+            for arm, own in scores.items()
+        },
         "differences": differences,
         "verdict": verdict(arms[0], differences),
     }
-
-
-class _Scored(NamedTuple):
-    """The scores of a trial.
-
-    `values` is (1 + R, 2): mAP50 and mAP50-95, first of all frames, then of each
-    resample.
-    """
-
-    score: DetectionScore
-    means: dict[str, float]
-    values: FloatArray
 
 
 def _weights(test: EvaluationSet, number: int) -> FloatArray:
@@ -194,7 +190,10 @@ def _weights(test: EvaluationSet, number: int) -> FloatArray:
     return np.concatenate([np.ones((1, test.frames)), drawn])
 
 
-def _score(trial: Trial, test: EvaluationSet, weights: FloatArray) -> _Scored:
+def _score(
+    trial: Trial, test: EvaluationSet, weights: FloatArray
+) -> tuple[DetectionScore, dict[str, float], FloatArray]:
+    """The scores of a trial, the `means` of its `ArmScore`, and (1 + R, 2) mAPs."""
     detections, frames = trial.detections, test.frames
     matches = match(test.objects, detections, frames)
     parts = [
@@ -219,7 +218,7 @@ def _score(trial: Trial, test: EvaluationSet, weights: FloatArray) -> _Scored:
         "false_positives": score["false_positives"],
         "on_ghosts": score["on_ghosts"],
     }
-    return _Scored(score, means, np.concatenate(parts))
+    return score, means, np.concatenate(parts)
 
 
 def _seeded(values: Mapping[TrialKey, FloatArray]) -> SeededObject:
@@ -245,12 +244,12 @@ def _seeded(values: Mapping[TrialKey, FloatArray]) -> SeededObject:
 
 
 def _difference(
-    scores: Mapping[TrialKey, _Scored], arm: str, baseline: str, column: int
+    values: Mapping[TrialKey, FloatArray], arm: str, baseline: str, column: int
 ) -> DifferenceObject:
     pairs = {
-        key: scored.values[:, column] - scores[base].values[:, column]
-        for key, scored in scores.items()
-        if key.arm == arm and (base := key._replace(arm=baseline)) in scores
+        key: both[:, column] - values[base][:, column]
+        for key, both in values.items()
+        if key.arm == arm and (base := key._replace(arm=baseline)) in values
     }
     if not pairs:
         nothing = Measured(0.0, 0.0, 0.0).as_dict()
@@ -262,18 +261,17 @@ def _difference(
     return {**seeded, "shown": bool(is_apart and several and len(signs) == 1)}
 
 
-def _arm_score(scores: Mapping[TrialKey, _Scored], arm: str) -> ArmScore:
-    own = {key: scored for key, scored in scores.items() if key.arm == arm}
-    listed = list(own.values())
+def _arm_score(
+    scores: Sequence[tuple[DetectionScore, dict[str, float]]],
+    values: Mapping[TrialKey, FloatArray],
+) -> ArmScore:
     return {
-        "trials": len(own),
-        "map50": _seeded({key: scored.values[:, 0] for key, scored in own.items()}),
-        "map50_95": _seeded({key: scored.values[:, 1] for key, scored in own.items()}),
-        "means": _means([scored.means for scored in listed]),
-        "by_class": _means_of_parts([scored.score["by_class"] for scored in listed]),
-        "by_distance": _means_of_parts(
-            [scored.score["by_distance"] for scored in listed]
-        ),
+        "trials": len(scores),
+        "map50": _seeded({key: both[:, 0] for key, both in values.items()}),
+        "map50_95": _seeded({key: both[:, 1] for key, both in values.items()}),
+        "means": _means([means for _, means in scores]),
+        "by_class": _means_of_parts([score["by_class"] for score, _ in scores]),
+        "by_distance": _means_of_parts([score["by_distance"] for score, _ in scores]),
     }
 
 

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.arrays import UNKNOWN_TAG, Mask
+from filter_core.arrays import UNKNOWN_TAG, FloatArray, IntArray, Mask
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ImageError, error_context
 from filter_core.evidence.depth import (
@@ -31,7 +31,7 @@ from filter_core.evidence.instances import (
     read_instances,
     settled_instances,
 )
-from filter_core.evidence.lidar import LidarPoints, points_inside, read_points
+from filter_core.evidence.lidar import points_inside, read_points
 from filter_core.evidence.ordered import owned_pixels
 from filter_core.evidence.semantic import MeasureOptions, measure
 from filter_core.evidence.silhouettes import (
@@ -176,7 +176,7 @@ def _measure_channels(
         notes.extend(_measure_depth(numbers, boxes, sensors, config, accepted))
     if points is not None and sensors.lidar is not None:
         numbers.lidar_points[:] = points_inside(
-            points, sensors.lidar, boxes.vertices, boxes.accept_mask
+            *points, sensors.lidar, boxes.vertices, boxes.accept_mask
         )
     return numbers, tuple(notes)
 
@@ -231,11 +231,11 @@ def _noting(
         notes.append(f"{subject} not used as evidence: {error.detail}")
 
 
-def _read_points(sensors: Sensors) -> LidarPoints:
-    points = read_points(sensors.contents["lidar"])
+def _read_points(sensors: Sensors) -> tuple[FloatArray, IntArray]:
+    xyz, tags = read_points(sensors.contents["lidar"])
     table = sensors.tags_of_numbers
-    if table is None:
-        return points
-    is_listed = (points.tag >= 0) & (points.tag < len(table))
-    tags = np.where(is_listed, table[np.where(is_listed, points.tag, 0)], UNKNOWN_TAG)
-    return replace(points, tag=tags.astype(np.int64))
+    if table is not None:
+        is_listed = (tags >= 0) & (tags < len(table))
+        listed = table[np.where(is_listed, tags, 0)].astype(np.int64)
+        tags = np.where(is_listed, listed, UNKNOWN_TAG)
+    return xyz, tags

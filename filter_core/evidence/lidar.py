@@ -11,7 +11,6 @@ the file; and `check_points` needs a reader that makes no array.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -33,22 +32,13 @@ class PointsError(FilterError):
     code = "bad_lidar"
 
 
-@dataclass(frozen=True, eq=False)
-class LidarPoints:
-    """Points of a semantic LiDAR in its axes: (P, 3), metres, and (P,) tags."""
+def read_points(
+    content: bytes, *, max_points: int = MAX_POINTS
+) -> tuple[FloatArray, IntArray]:
+    """The points of a semantic LiDAR in its axes: (P, 3), metres, and (P,) tags.
 
-    xyz: FloatArray
-    tag: IntArray
-
-    def __len__(self) -> int:
-        return len(self.tag)
-
-
-def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
-    """Read a semantic LiDAR file, recognised by its content.
-
-    PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns x, y,
-    z, cosine, object and tag.
+    The file is recognised by its content: PLY 1.0 with a vertex element, or a NumPy
+    array: structured, or of six columns x, y, z, cosine, object and tag.
 
     Raises
     ------
@@ -86,7 +76,7 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     numbers = [columns[name] for name in ("object", "tag") if name in columns]
     if max(np.abs(column).max(initial=0) for column in numbers) > _MAX_EXACT:
         raise _fault(f"objects and tags up to {_MAX_EXACT:,}", "larger ones")
-    return LidarPoints(xyz, columns["tag"].astype(np.int64))
+    return xyz, columns["tag"].astype(np.int64)
 
 
 def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
@@ -348,7 +338,11 @@ _FLATTEST: Final = 1e-9
 
 
 def points_inside(
-    points: LidarPoints, sensor: Transform, vertices: FloatArray, accept_mask: IntArray
+    xyz: FloatArray,
+    tags: IntArray,
+    sensor: Transform,
+    vertices: FloatArray,
+    accept_mask: IntArray,
 ) -> IntArray:
     """(N,) int64: how many points of an accepted tag lie inside each box.
 
@@ -356,6 +350,8 @@ def points_inside(
 
     Parameters
     ----------
+    xyz, tags : (P, 3) float64, metres, and (P,) int64
+        As `read_points` gives them.
     sensor : Transform
         The LiDAR's pose in the world, which is rarely the camera's.
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
@@ -368,10 +364,10 @@ def points_inside(
     """
     counts = np.full(len(vertices), NOT_MEASURED, np.int64)
     matrix = sensor.matrix
-    world = points.xyz @ matrix[:3, :3].T + matrix[:3, 3]
+    world = xyz @ matrix[:3, :3].T + matrix[:3, 3]
     order = np.argsort(world[:, 0], kind="stable")
     world = world[order]
-    tags = np.maximum(points.tag, 0)[order]
+    tags = np.maximum(tags, 0)[order]
     solid = np.flatnonzero(~np.isnan(vertices).any(axis=(1, 2)))
     corners = in_carla_order(vertices[solid])
     for row, box in zip(solid.tolist(), corners, strict=True):

@@ -24,14 +24,19 @@ from typing import ClassVar, Final, get_args
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
-from filter_core.formats.plugins import package_of, plugin_entries
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     RECORDING_NAME,
     FrameSet,
     FrameSource,
 )
-from filter_core.formats.recording import READER_KEYS, RecordingDescription, describe
+from filter_core.formats.recording import (
+    READER_KEYS,
+    RecordingDescription,
+    describe,
+    package_of,
+    plugin_entries,
+)
 from filter_core.formats.registry import FORMATS, declared_format
 from filter_core.formats.same import BoxSpans
 

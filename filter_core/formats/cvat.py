@@ -186,7 +186,7 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
         reading.counts.clear()
         coming = iter(listed)
         for path in paths:
-            labelled = Labelled()
+            labelled = Labelled()  # by a person, also if no head of the file names one
             for node in _elements(path):
                 if node.tag == "meta":
                     labelled = _labelled(node)

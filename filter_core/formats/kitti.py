@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -207,9 +207,13 @@ def _annotation(
             raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
         text = read_label_text(origin.calibration, calibration)
         camera = _read_calibration(text, calibration, wh)
-    boxes = [_box_of(line, camera) for line in lines if not line.is_region]
+    boxes = [
+        _box_of(kind, numbers, at, camera)
+        for kind, numbers, at in lines
+        if not _is_region(kind)
+    ]
     annotation: dict[str, object] = {"boxes": boxes}
-    regions = [line.xyxy for line in lines if line.is_region]
+    regions = [numbers[3:7] for kind, numbers, _ in lines if _is_region(kind)]
     if regions:
         annotation["dontcare"] = regions
     if camera is not None:
@@ -230,8 +234,11 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
     )
 
 
-def _read_kitti_lines(text: str, name: str) -> list[_KittiLine]:
-    """The lines of one label file; `LayoutError` names file and line."""
+def _read_kitti_lines(text: str, name: str) -> list[tuple[str, list[float], str]]:
+    """The objects of one label file; `LayoutError` names file and line.
+
+    Each with its type, its 14 numbers, or 15 with a score, and its place.
+    """
     lines = []
     for number, line in enumerate(text.splitlines(), start=1):
         columns, at = line.split(), f"{name}, line {number}"
@@ -241,7 +248,7 @@ def _read_kitti_lines(text: str, name: str) -> list[_KittiLine]:
             raise LayoutError(
                 f"{at}: expected 15 columns (16 with a score), found {len(columns)}"
             )
-        lines.append(_KittiLine(columns[0], tuple(read_columns(columns[1:], at)), at))
+        lines.append((columns[0], read_columns(columns[1:], at), at))
     return lines
 
 
@@ -259,38 +266,6 @@ _UNKNOWN: Final = -999.0
 
 _NO_RECTANGLE: Final = ([-1.0] * 4, [0.0] * 4)
 """Written in place of a rectangle that is not known: by KITTI, and by other tools."""
-
-
-@dataclass(frozen=True)
-class _KittiLine:
-    """One object: its type, its 14 numbers, or 15 with a score, and its place."""
-
-    type: str
-    numbers: tuple[float, ...]
-    at: str
-
-    @property
-    def xyxy(self) -> list[float]:
-        """Left, top, right, bottom."""
-        return list(self.numbers[3:7])
-
-    @property
-    def is_region(self) -> bool:
-        """Whether it is a region to ignore, and no object."""
-        return _is_region(self.type)
-
-    @property
-    def has_rectangle(self) -> bool:
-        """Whether its rectangle is none of those that stand for "not known"."""
-        return self.xyxy not in _NO_RECTANGLE
-
-    @property
-    def vertices(self) -> FloatArray | None:
-        """(8, 3) metres in CARLA's axes of the labels' camera; None if not known."""
-        height, width, length, x, y, z, rotation = self.numbers[7:14]
-        if min(height, width, length) <= 0 or min(x, y, z) < _UNKNOWN:
-            return None
-        return kitti_vertices((height, width, length), (x, y, z), rotation)
 
 
 def kitti_vertices(
@@ -319,23 +294,28 @@ def kitti_vertices(
     return vertices
 
 
-def _box_of(line: _KittiLine, camera: Camera | None) -> dict[str, object]:
+def _box_of(
+    kind: str, numbers: list[float], at: str, camera: Camera | None
+) -> dict[str, object]:
     """A line as a box of an annotation; the other columns are kept under ``kitti``.
 
     The rectangle counts where there is one, and is never replaced by another. A line
     that has only a 3D box, as some tools write, needs the camera.
     """
-    truncated, occluded, alpha = line.numbers[:3]
-    box: dict[str, object] = {"class": line.type}
-    vertices = line.vertices
-    if not line.has_rectangle:
+    truncated, occluded, alpha, *xyxy = numbers[:7]
+    height, width, length, x, y, z, rotation = numbers[7:14]
+    box: dict[str, object] = {"class": kind}
+    vertices = None
+    if min(height, width, length) > 0 and min(x, y, z) >= _UNKNOWN:
+        vertices = kitti_vertices((height, width, length), (x, y, z), rotation)
+    if xyxy in _NO_RECTANGLE:
         if vertices is None or camera is None:
             raise LayoutError(
-                f"{line.at}: expected a rectangle, or a 3D box with the frame's image "
-                f"and calibration, found the corners {line.numbers[3:7]}"
+                f"{at}: expected a rectangle, or a 3D box with the frame's image "
+                f"and calibration, found the corners {tuple(xyxy)}"
             )
         return {**box, "vertices": vertices.tolist()}
-    box["xyxy"] = line.xyxy
+    box["xyxy"] = xyxy
     kept: dict[str, object] = {
         "truncated": truncated,
         "occluded": int(occluded) if occluded.is_integer() else occluded,
@@ -346,11 +326,11 @@ def _box_of(line: _KittiLine, camera: Camera | None) -> dict[str, object]:
         box["distance"] = round(
             float(np.linalg.norm(vertices.mean(axis=0) - position)), 4
         )
-        kept["dimensions"] = list(line.numbers[7:10])
-        kept["location"] = list(line.numbers[10:13])
-        kept["rotation_y"] = line.numbers[13]
-    if len(line.numbers) > 14:
-        kept["score"] = line.numbers[14]
+        kept["dimensions"] = [height, width, length]
+        kept["location"] = [x, y, z]
+        kept["rotation_y"] = rotation
+    if len(numbers) > 14:
+        kept["score"] = numbers[14]
     return {**box, "kitti": kept}
 
 
@@ -378,7 +358,9 @@ def _read_calibration(text: str, name: str, wh: tuple[int, int]) -> Camera:
 
 def _rectangles(own: OwnLabels) -> list[Rectangles]:
     lines = _read_kitti_lines(own.text, own.file)
-    return [{"xyxy": [line.xyxy]} for line in lines if not line.is_region]
+    return [
+        {"xyxy": [numbers[3:7]]} for kind, numbers, _ in lines if not _is_region(kind)
+    ]
 
 
 @KITTI.label_writer

@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -61,8 +61,8 @@ def described_labels(
     say it.
     """
     if recognise:
-        for other in other_notations(frames, description):
-            raise other.error
+        for _, _, error in other_notations(frames, description):
+            raise error
     names = description.class_names
     if not names and description.unit == description.corners == "auto":
         return frames
@@ -172,26 +172,13 @@ def with_maps(
     return replace(frames, frames=mapped, notes=notes)
 
 
-class OtherNotation(NamedTuple):
-    """What rectangles look like which are in another unit or notation than expected.
-
-    Attributes
-    ----------
-    key : ``unit`` or ``corners``
-        The key of a description that says it.
-    value : str
-        What they look like; several words with "or" if that is not clear.
-    """
-
-    key: str
-    value: str
-    error: LayoutError
-
-
 def other_notations(
     frames: FrameSet, description: RecordingDescription
-) -> Iterator[OtherNotation]:
+) -> Iterator[tuple[str, str, LayoutError]]:
     """What the boxes of the first frames look like together, if not as expected.
+
+    The key of a description that says it, ``unit`` or ``corners``; what they look like,
+    several words with "or" if that is not clear; and the error about it.
 
     Parameters
     ----------
@@ -219,8 +206,7 @@ def other_notations(
         }
         for key, word in others.items():
             if word is not None and getattr(description, key) == "auto":
-                error = _error(frames, form, values, key, word)
-                yield OtherNotation(key, word, error)
+                yield key, word, _error(frames, form, values, key, word)
 
 
 def _sampled(

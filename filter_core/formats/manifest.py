@@ -6,12 +6,12 @@ export leaves out the boxes that are rejected, and changes nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Final
+from typing import BinaryIO, ClassVar, Final, TypeAlias
 
 import numpy as np
 
@@ -139,43 +139,28 @@ def read_manifest(source: Path, options: RecordingDescription) -> FrameSet:
 _OUTSIDE: Final = f"which is or leads outside; {OUTSIDE_FILES_HINT}"
 
 
-@dataclass(frozen=True)
-class _Folders:
-    """Where the files are that a manifest names.
+_FileAt: TypeAlias = Callable[[str, object, str], Path]
+"""The path of a file of a frame, by its kind, its text and the line that has it."""
 
-    Attributes
-    ----------
-    manifest, segmentation : Path
-        The folders that relative paths are relative to.
-    allowed : tuple of Path or None
-        The `real_paths` in which every file must lie; None: anywhere.
-    """
 
-    manifest: Path
-    segmentation: Path
-    allowed: tuple[Path, ...] | None
+def _read_lines(path: Path, options: RecordingDescription) -> Iterator[FrameSource]:
+    tags = options.segmentation or path.parent
+    allowed = allowed_folders(options, path.parent)  # None: anywhere
 
-    def file(self, kind: str, text: object, at: str) -> Path:
+    def file_at(kind: str, text: object, at: str) -> Path:
         """The path of one of `FRAME_FILES` as a line gives it; `at` is that line."""
         if not isinstance(text, str) or not text:
             raise LayoutError(f"{at}, {kind}: expected a path, found {shown(text)}")
-        folder = self.segmentation if kind == "segmentation" else self.manifest
-        # A path as a line gives it, which may have been written on Windows
-        path = folder / text
-        if "\\" in text and not path.exists():
-            path = folder / text.replace("\\", "/")
-        if self.allowed is None or is_inside(path, self.allowed):
-            return path
+        folder = tags if kind == "segmentation" else path.parent
+        is_of_windows = "\\" in text and not (folder / text).exists()
+        file_path = folder / (text.replace("\\", "/") if is_of_windows else text)
+        if allowed is None or is_inside(file_path, allowed):
+            return file_path
         raise LayoutError(
             f"{at}, {kind}: expected a file in the manifest's folder, found "
             f"{shown(text)}, {_OUTSIDE}"
         )
 
-
-def _read_lines(path: Path, options: RecordingDescription) -> Iterator[FrameSource]:
-    tags = options.segmentation or path.parent
-    allowed = allowed_folders(options, path.parent)
-    folders = _Folders(path.parent, tags, allowed)
     with open_regular(path) as file:
         number = 0
         while line := file.readline(MAX_LABEL_BYTES + 1):
@@ -187,7 +172,7 @@ def _read_lines(path: Path, options: RecordingDescription) -> Iterator[FrameSour
                     piece = file.readline(MAX_LABEL_BYTES)
                 yield _problem(at, f"at most {MAX_LABEL_BYTES} bytes", "more")
             elif line.strip():
-                frame = _read_line(line, at, folders)
+                frame = _read_line(line, at, file_at)
                 boxes = (frame.annotation or {}).get("boxes")
                 count = len(boxes) if isinstance(boxes, list) else 0
                 places = tuple((number - 1, box) for box in range(count))
@@ -206,7 +191,7 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
         begin += len(line)
 
 
-def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
+def _read_line(line: bytes, at: str, file_at: _FileAt) -> FrameSource:
     try:
         raw = read_json(line.rstrip(), halves=True)
     except JsonError as exc:
@@ -220,11 +205,11 @@ def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
         return _problem(at, f'"key" of 1 to {MAX_KEY} characters', shown(key))
     try:
         files = {
-            kind: folders.file(kind, value, at)
+            kind: file_at(kind, value, at)
             for kind in FRAME_FILES
             if (value := raw.pop(kind, None)) is not None
         }
-        points = _plain_points(raw, at, folders)
+        points = _plain_points(raw, at, file_at)
     except LayoutError as exc:
         return FrameSource(key=key, annotation=None, problem=exc)
     return FrameSource(
@@ -237,7 +222,7 @@ def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
     )
 
 
-def _plain_points(raw: JsonObject, at: str, folders: _Folders) -> Path | None:
+def _plain_points(raw: JsonObject, at: str, file_at: _FileAt) -> Path | None:
     """The LiDAR points without tags of a capture, which ``extra.files`` names.
 
     That key may be anybody's, so what leads to no file in the folder is no problem.
@@ -247,7 +232,7 @@ def _plain_points(raw: JsonObject, at: str, folders: _Folders) -> Path | None:
     if not isinstance(named, dict):
         return None
     with suppress(LayoutError):
-        path = folders.file(_PLAIN_POINTS, named.get(_PLAIN_POINTS), at)
+        path = file_at(_PLAIN_POINTS, named.get(_PLAIN_POINTS), at)
         return path if path.is_file() else None
     return None
 

@@ -80,7 +80,10 @@ class GivenAnswer(NamedTuple):
 
 
 class Labelled(NamedTuple):
-    """Who labelled a frame in another program, and when, as far as its file says."""
+    """Who labelled a frame in another program, and when, as far as its file says.
+
+    Without a name, it was a person whom the file does not name.
+    """
 
     by: str | None = None
     at: datetime | None = None

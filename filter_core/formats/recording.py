@@ -10,11 +10,20 @@ classes is for the filter: `RecordingDescription.config_keys`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
+from typing import (
+    TYPE_CHECKING,
+    ClassVar,
+    Final,
+    Literal,
+    NamedTuple,
+    TypeAlias,
+    get_args,
+)
 
 import yaml
 
@@ -33,7 +42,6 @@ from filter_core.config.filter import DecideConfig, object_schema
 from filter_core.config.keys import ReadingKeys
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.evidence_numbers import DepthEncoding
-from filter_core.formats.plugins import plugin_names
 from filter_core.formats.reading import (
     RECORDING_NAME,
     is_inside,
@@ -51,7 +59,10 @@ from filter_core.formats.tables.patterns import (
     FilePatterns,
 )
 from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels, TagScale
-from filter_core.values import place_of, pointer_token, shown
+from filter_core.values import pointer_token, prefix_of, shown
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 LAYOUTS: Final = (
     "auto",
@@ -214,16 +225,46 @@ class AllowedOrigin:
         return {"anyOf": [{"const": "auto"}, {"enum": [0, 1]}]}
 
 
+_PLUGINS: Final = "unghost.formats"
+"""The group of the entry points by which packages name formats of their own.
+
+The name of each is that of its format. Nothing is imported here but these names;
+`filter_core.formats.registry` imports the formats when a folder is read that may have
+one of them.
+"""
+
+
+@cache
+def plugin_entries() -> Sequence[EntryPoint]:
+    """The entry points of all installed packages, by name and package."""
+    # A tenth of the time that the library needs to be imported.
+    from importlib.metadata import entry_points
+
+    return sorted(
+        entry_points(group=_PLUGINS), key=lambda entry: (entry.name, package_of(entry))
+    )
+
+
+def package_of(entry: EntryPoint) -> str:
+    """The package of an entry point, with its version."""
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
+
+
 def known_layouts(word: object) -> tuple[str, ...]:
-    """`LAYOUTS`; also the names of plug-ins, if none of them is this word."""
-    return LAYOUTS if word in LAYOUTS else (*LAYOUTS, *plugin_names())
+    """`LAYOUTS`; also the names of plug-ins, if none of them is this word.
+
+    Those of plug-ins with a fault are among them.
+    """
+    if word in LAYOUTS:
+        return LAYOUTS
+    return (*LAYOUTS, *dict.fromkeys(entry.name for entry in plugin_entries()))
 
 
 class AllowedLayout:
     """One of `LAYOUTS`, or the name of a plug-in's format."""
 
     def __str__(self) -> str:
-        return str(AllowedWords((*LAYOUTS, *plugin_names())))
+        return str(AllowedWords(known_layouts(None)))
 
     def checked(self, name: str, value: object, at: str = "") -> str:
         return AllowedWords(known_layouts(value)).checked(name, value, at)
@@ -612,7 +653,7 @@ def _section(
         return
     if not isinstance(section, Mapping):
         raise ConfigError(
-            f"{place_of(at)}expected a mapping of keys, found {shown(section)}",
+            f"{prefix_of(at)}expected a mapping of keys, found {shown(section)}",
             pointer=at,
         )
     prefix = f"{name}." if name else ""

@@ -47,7 +47,6 @@ from filter_core.formats.labels import described_labels, with_maps
 from filter_core.formats.manifest import MANIFEST
 from filter_core.formats.nuscenes import NUSCENES
 from filter_core.formats.pairs import PAIRS
-from filter_core.formats.plugins import package_of, plugin_entries
 from filter_core.formats.reading import (
     MANIFEST_NAME,
     RECORDING_NAME,
@@ -61,7 +60,9 @@ from filter_core.formats.recording import (
     READER_KEYS,
     RecordingDescription,
     describe,
+    package_of,
     place_in_file,
+    plugin_entries,
 )
 from filter_core.formats.splits import with_splits
 from filter_core.formats.streams.outside import check_links, files_inside

@@ -298,24 +298,19 @@ class LeftBehind:
     special: tuple[str, ...] = ()
 
 
-@dataclass
 class RecordingCopy:
     """Writes the folder or the file that was read again, without some of its boxes.
 
     `box_spans` is that of its format.
     """
 
-    source: Path
-    box_spans: BoxSpans
-    _removed: dict[Path, set[Place]] = field(default_factory=dict)
-    _labels: dict[Path, None] = field(default_factory=dict)
-    _files: dict[Path, None] = field(default_factory=dict)
-    _band_folders: dict[Path, list[Path]] = field(default_factory=dict)
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the recording."""
-        return self.source if self.source.is_dir() else self.source.parent
+    def __init__(self, source: Path, box_spans: BoxSpans) -> None:
+        self.source, self.box_spans = source, box_spans
+        self.folder = source if source.is_dir() else source.parent
+        self._removed: dict[Path, set[Place]] = {}
+        self._labels: dict[Path, None] = {}
+        self._files: dict[Path, None] = {}
+        self._band_folders: dict[Path, list[Path]] = {}
 
     def add(self, frame: FrameSource, rejected: Iterable[int] = ()) -> None:
         """Note a frame, and the rows of its boxes that are to be removed.

@@ -14,7 +14,7 @@ from __future__ import annotations
 import html
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -74,9 +74,9 @@ def _recognise(source: Source) -> Recognition:
 def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a VOC folder; a file that is not VOC is that frame's problem.
 
-    Whether the first pixel is 0 or 1 is decided once, from all files (`_Counting`), if
-    it is not said. An image that is not called like its label is the one that
-    ``<folder>`` and ``<filename>`` of the label name.
+    Whether the first pixel is 0 or 1 is decided once, from all files
+    (`_shown_origin`), if it is not said. An image that is not called like its label is
+    the one that ``<folder>`` and ``<filename>`` of the label name.
     """
     labels = options.labels or root
     skip = band_folders(root)
@@ -89,11 +89,11 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     )
     frames, left_over = streams.complete(frames, "label file")
     named = with_keys(root, frames)
-    notes, counting = streams.notes, _Counting()
     if options.origin == "auto":
-        for name in names:
-            counting.add(_content(labels, name), name)
-    origin = counting.origin if options.origin == "auto" else int(options.origin)
+        origin, why = _shown_origin(labels, names)
+    else:
+        origin, why = int(options.origin), ()
+    notes = (*streams.notes, *why)
     read = partial(_annotation, labels, origin)
     return FrameSet(
         layout="voc",
@@ -103,7 +103,7 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
         ),
         count=len(frames),
         unmatched=(*unmatched, *left_over),
-        notes=lambda: (*notes, *counting.notes()),
+        notes=lambda: notes,
         streams=streams.facts,
         texts=lambda: (labels / frame.label for frame in named),
     )
@@ -125,75 +125,50 @@ _STRAY_ZEROS: Final = 1 / 20
 """Share of boxes with a corner at 0, at most, that may be mistakes."""
 
 
-@dataclass
-class _Counting:
-    """How the files of one recording count pixels, as far as their rectangles show.
+def _shown_origin(labels: Path, names: Iterable[str]) -> tuple[int, tuple[str, ...]]:
+    """The number of the first pixel, as all rectangles show it, and why, in a note.
 
-    Attributes
-    ----------
-    boxes, fractional : int
-        All boxes; and those of which a corner is no whole number.
-    zeros : int
-        Boxes of which a corner is 0, which does not exist where the first pixel is 1.
-    first_zero : str
-        The first file that has one.
+    Pascal VOC's own files count whole pixels from 1, so no corner is 0. Scripts that
+    write pixel coordinates as they have them give themselves away by a 0 in more than
+    one box of twenty, or by fractions in most; a few say nothing about the others.
     """
-
-    boxes: int = 0
-    fractional: int = 0
-    zeros: int = 0
-    first_zero: str = ""
-
-    def add(self, content: bytes, name: str) -> None:
-        """Count the boxes of one more file."""
-        words = _CORNER.findall(content)
+    boxes = zeros = fractional = 0
+    first_zero = ""
+    for name in names:
+        words = _CORNER.findall(_content(labels, name))
         try:
             numbers = list(map(float, words))
         except ValueError:
-            return  # its frame will have this problem
-        self.boxes += len(numbers) // len(_CORNERS)
+            continue  # its frame will have this problem
+        boxes += len(numbers) // len(_CORNERS)
         places = range(0, len(numbers), len(_CORNERS))
-        boxes = [numbers[place : place + len(_CORNERS)] for place in places]
-        if 0.0 in numbers:
-            self.zeros += sum(0.0 in box for box in boxes)
-            self.first_zero = self.first_zero or name
+        rectangles = [numbers[place : place + len(_CORNERS)] for place in places]
+        with_zero = sum(0.0 in rectangle for rectangle in rectangles)
+        zeros += with_zero
+        first_zero = first_zero or (name if with_zero else "")
         if b"." in b"".join(words):
-            self.fractional += sum(not all(map(float.is_integer, box)) for box in boxes)
-
-    @property
-    def origin(self) -> int:
-        """The number of the first pixel.
-
-        Pascal VOC's own files count whole pixels from 1. Scripts that write pixel
-        coordinates as they have them give themselves away by a 0 in more than one box
-        of twenty, or by fractions in most; a few say nothing about the others.
-        """
-        return 0 if self._has_zeros or 2 * self.fractional > self.boxes else 1
-
-    @property
-    def _has_zeros(self) -> bool:
-        return self.zeros > _STRAY_ZEROS * self.boxes
-
-    def notes(self) -> Iterator[str]:
-        """What was decided and why, if there was anything to decide."""
-        if not self.boxes:
-            return
-        other = 1 - self.origin
-        if self._has_zeros:
-            why = f"from 0: {self.zeros} of {self.boxes} boxes have a corner at 0"
-        elif self.origin == 0:
-            why = f"from 0: {self.fractional} of {self.boxes} boxes have fractions"
-        elif self.zeros:
-            why = (
-                f"from 1, both ends included: only {self.zeros} of {self.boxes} boxes "
-                f"have a corner at 0, the first in {self.first_zero}"
+            are_whole = (all(map(float.is_integer, each)) for each in rectangles)
+            fractional += sum(not is_whole for is_whole in are_whole)
+    if not boxes:
+        return 1, ()
+    origin = 0
+    if zeros > _STRAY_ZEROS * boxes:
+        why = f"from 0: {zeros} of {boxes} boxes have a corner at 0"
+    elif 2 * fractional > boxes:
+        why = f"from 0: {fractional} of {boxes} boxes have fractions"
+    else:
+        origin = 1
+        corners = "no corner is 0"
+        if zeros:
+            corners = (
+                f"only {zeros} of {boxes} boxes have a corner at 0, the first in "
+                f"{first_zero}"
             )
-        else:
-            why = "from 1, both ends included: no corner is 0"
-        yield (
-            f"pixels are counted {why}; if that is wrong, `boxes: {{origin: {other}}}` "
-            "in recording.yaml says so"
-        )
+        why = f"from 1, both ends included: {corners}"
+    return origin, (
+        f"pixels are counted {why}; if that is wrong, `boxes: {{origin: "
+        f"{1 - origin}}}` in recording.yaml says so",
+    )
 
 
 def _named_image(content: bytes) -> str | None:

@@ -89,9 +89,8 @@ def read_image_header(
         model = _PNG_MODELS[png.color_type]
         header = ImageHeader("image/png", png.width, png.height, png.bit_depth, model)
     elif content[:3] == b"\xff\xd8\xff":
-        jpeg = read_jpeg(content, whole=whole)
-        model = _JPEG_MODELS[jpeg.channels]
-        header = ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, model)
+        width, height, channels = read_jpeg(content, whole=whole)
+        header = ImageHeader("image/jpeg", width, height, 8, _JPEG_MODELS[channels])
     else:
         text = f"{len(content)} bytes that begin with {content[:8]!r}"
         raise ImageError(

@@ -52,26 +52,10 @@ _OTHER_FRAMES: Final = {
 _MARKER_IN_SCAN: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 
-@dataclass(frozen=True)
-class JpegHeader:
-    """What the frame's header says: size, px, and 1, 3 or 4 channels of 8 bits each.
+def read_jpeg(content: bytes | mmap, *, whole: bool) -> tuple[int, int, int]:
+    """Width, height, px, and channels of a JPEG whose segments are in order.
 
-    `marker` is the second byte of the marker, which says how the picture is coded.
-    """
-
-    width: int
-    height: int
-    channels: int
-    marker: int
-
-    @property
-    def max_scans(self) -> int:
-        """A scan has all of a channel, or, in a progressive picture, a part of it."""
-        return _MAX_SCANS if self.marker == _PROGRESSIVE else self.channels
-
-
-def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
-    """The header of a JPEG whose segments are in order.
+    There are 1, 3 or 4 channels of 8 bits each.
 
     Parameters
     ----------
@@ -118,8 +102,9 @@ class _Walk:
     """What has been found in the segments so far."""
 
     content: bytes | mmap
-    header: JpegHeader | None = None
+    header: tuple[int, int, int] | None = None
     scans: int = 0
+    max_scans: int = 0
 
     def passed(self, marker: int, position: int) -> int:
         """Where the segment ends whose marker ends here."""
@@ -141,14 +126,32 @@ class _Walk:
         if marker in _FRAMES:
             if self.header is not None:
                 raise ImageError("JPEG: expected one frame, found another")
-            self.header = _frame_header(self.content, marker, start, end)
+            self.header = _frame_header(content, start, end)
+            *_, channels = self.header
+            # A scan has all of a channel, or, in a progressive picture, a part of it.
+            self.max_scans = _MAX_SCANS if marker == _PROGRESSIVE else channels
         elif marker == _SOS:
-            self.scans += 1
-            _check_scan(self.header, self.content[start:end], self.scans)
+            self._check_scan(content[start:end])
         return end
 
-    def finished(self) -> JpegHeader:
-        """The header, if there was one and pixels after it."""
+    def _check_scan(self, body: bytes) -> None:
+        if self.header is None:
+            raise ImageError("JPEG: found no header with a size before the pixels")
+        *_, most = self.header
+        channels = body[0] if body else 0
+        if not 1 <= channels <= most or len(body) != 4 + 2 * channels:
+            raise ImageError(
+                f"JPEG: a scan of {channels} channels with {len(body)} bytes in an "
+                f"image of {most} channels"
+            )
+        self.scans += 1
+        if self.scans > self.max_scans:
+            raise ImageError(
+                f"JPEG: expected at most {self.max_scans} scans, found more"
+            )
+
+    def finished(self) -> tuple[int, int, int]:
+        """What its header says, if there was one and pixels after it."""
         if self.header is None:
             raise ImageError("JPEG: found no header with a size")
         if not self.scans:
@@ -156,9 +159,7 @@ class _Walk:
         return self.header
 
 
-def _frame_header(
-    content: bytes | mmap, marker: int, start: int, end: int
-) -> JpegHeader:
+def _frame_header(content: bytes | mmap, start: int, end: int) -> tuple[int, int, int]:
     if end - start < 6:
         raise ImageError("JPEG: found no header with a size")
     bit_depth, height, width, channels = struct.unpack_from(">BHHB", content, start)
@@ -171,20 +172,7 @@ def _frame_header(
             f"JPEG: a header of {channels} channels has {6 + 3 * channels} bytes, "
             f"found {end - start}"
         )
-    return JpegHeader(width, height, channels, marker)
-
-
-def _check_scan(header: JpegHeader | None, body: bytes, scans: int) -> None:
-    if header is None:
-        raise ImageError("JPEG: found no header with a size before the pixels")
-    channels = body[0] if body else 0
-    if not 1 <= channels <= header.channels or len(body) != 4 + 2 * channels:
-        raise ImageError(
-            f"JPEG: a scan of {channels} channels with {len(body)} bytes in an image "
-            f"of {header.channels} channels"
-        )
-    if scans > header.max_scans:
-        raise ImageError(f"JPEG: expected at most {header.max_scans} scans, found more")
+    return width, height, channels
 
 
 def _end_of_scan(content: bytes | mmap, position: int) -> int:

@@ -8,8 +8,6 @@ from array import array
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -54,7 +52,6 @@ class Cameras(NamedTuple):
     frames: int
 
 
-@dataclass
 class FileUse:
     """The files that frames use, relative to the folder.
 
@@ -63,15 +60,13 @@ class FileUse:
     those of parts.
     """
 
-    root: Path
-    files: FilePatterns = field(default_factory=FilePatterns)
-    outside: int = 0
-    splits: Counter[str] = field(default_factory=Counter)
-    _used: array[int] = field(default_factory=partial(array, "q"))
-    _by_folder: dict[str, array[int]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._prefix = f"{str(self.root).rstrip(os.sep)}{os.sep}"
+    def __init__(self, root: Path, files: FilePatterns) -> None:
+        self.root, self.files = root, files
+        self.outside = 0
+        self.splits: Counter[str] = Counter()
+        self._used = array("q")
+        self._by_folder: dict[str, array[int]] = {}
+        self._prefix = f"{str(root).rstrip(os.sep)}{os.sep}"
 
     def relative(self, path: Path) -> str | None:
         """A path relative to the folder; None if it is elsewhere."""

@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Generic, TypeVar
 
@@ -60,7 +59,6 @@ class Spread(Generic[_Thing]):
         return [self._kept[at * len(self._kept) // count] for at in range(count)]
 
 
-@dataclass
 class LabelSurvey:
     """What the labels of a recording hold.
 
@@ -85,21 +83,15 @@ class LabelSurvey:
         Paths of images whose content is not here.
     """
 
-    use: FileUse
-    pictures: int
-    absent: AbstractSet[str] = frozenset()
-    frames: int = 0
-    boxes: int = 0
-    boxes_3d: int = 0
-    by_class: Counter[str] = field(default_factory=Counter)
-    roles: Counter[str] = field(default_factory=Counter)
-    examples: dict[str, str] = field(default_factory=dict)
-    refused: Listing = field(default_factory=Listing)
-    faults: Listing = field(default_factory=Listing)
-
-    def __post_init__(self) -> None:
-        self._with_boxes: Spread[tuple[int, FrameSource]] = Spread(self.pictures)
-        self._empty: Spread[tuple[int, FrameSource]] = Spread(self.pictures)
+    def __init__(self, use: FileUse, pictures: int, absent: AbstractSet[str]) -> None:
+        self.use, self.pictures, self.absent = use, pictures, absent
+        self.frames = self.boxes = self.boxes_3d = 0
+        self.by_class: Counter[str] = Counter()
+        self.roles: Counter[str] = Counter()
+        self.examples: dict[str, str] = {}
+        self.refused, self.faults = Listing(), Listing()
+        self._with_boxes: Spread[tuple[int, FrameSource]] = Spread(pictures)
+        self._empty: Spread[tuple[int, FrameSource]] = Spread(pictures)
         self._of_class: dict[str, tuple[int, FrameSource]] = {}
 
     def read(

@@ -19,7 +19,7 @@ from filter_core.classes import PASS, accepted_names
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.carlasimu import CARLASIMU
-from filter_core.formats.labels import OtherNotation, other_notations
+from filter_core.formats.labels import other_notations
 from filter_core.formats.reading import FrameSet, StreamFacts, name_of
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import (
@@ -304,8 +304,8 @@ class OpenedRecording:
     """A folder with what was recognised; without frames if it cannot be read.
 
     Frames have their boxes as they look like, whatever the format says; the description
-    says what that is. `others` are what a person has to say about the boxes before they
-    are used.
+    says what that is. `others` are the errors about boxes of which a person has to say
+    what they are before they are used.
     """
 
     frames: FrameSet
@@ -314,7 +314,7 @@ class OpenedRecording:
     why: str
     description: RecordingDescription
     problems: tuple[Problem, ...]
-    others: tuple[OtherNotation, ...] = ()
+    others: tuple[LayoutError, ...] = ()
 
 
 def open_recording(source: Path, description: RecordingDescription) -> OpenedRecording:
@@ -345,7 +345,7 @@ def open_recording(source: Path, description: RecordingDescription) -> OpenedRec
             streams = Streams(source, description).facts if source.is_dir() else ()
         frames = FrameSet("", lambda: iter(()), streams=streams)
         return OpenedRecording(frames, None, layouts, "", description, tuple(problems))
-    problems += [Problem(other.error.kind, other.error.detail) for other in others]
+    problems += [Problem(other.kind, other.detail) for other in others]
     if frames.count == 0:
         problems.append(Problem("no_frames", _NO_FRAMES.format(frames.layout)))
     why = "as the description says"
@@ -358,28 +358,28 @@ def open_recording(source: Path, description: RecordingDescription) -> OpenedRec
 
 def _read(
     source: Path, layout: str, description: RecordingDescription
-) -> tuple[FrameSet, RecordingDescription, tuple[OtherNotation, ...]]:
+) -> tuple[FrameSet, RecordingDescription, tuple[LayoutError, ...]]:
     """The frames, with boxes in another unit or notation read as what they look like.
 
-    Also the description that says so, and what they look like.
+    Also the description that says so, and the errors that say what they look like.
     """
     layout = layout or "auto"
     changed: Callable[..., RecordingDescription] = replace
     plain = changed(description, unit="auto", corners="auto")
     frames = read_source(source, layout, plain, recognise=False)
-    others: list[OtherNotation] = []
+    others: list[LayoutError] = []
+    said: set[str] = set()
     described = description
     # Boxes whose unit is known may show another notation.
     for _ in range(0 if layout == CARLASIMU.name else 2):  # has units of its own
-        said = {notation.key for notation in others}
-        all_shown = other_notations(frames, described)
-        shown = [notation for notation in all_shown if notation.key not in said]
-        others += shown
-        clear = {
-            notation.key: notation.value
-            for notation in shown
-            if " or " not in notation.value
-        }
+        shown = [
+            (key, word, error)
+            for key, word, error in other_notations(frames, described)
+            if key not in said
+        ]
+        said.update(key for key, _, _ in shown)
+        others += (error for _, _, error in shown)
+        clear = {key: word for key, word, _ in shown if " or " not in word}
         described = changed(described, **clear)
         if not clear:
             break

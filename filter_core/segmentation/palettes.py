@@ -1,8 +1,10 @@
 """CARLA's tag families: which tag number has which name and colour, per version.
 
-A family is the table that a range of CARLA's versions share. `FAMILIES` has them by
-name, `family_of_version` returns the one that a version renders, and a `Palette`
-converts tags to names and back, and to colours. Comments name the tables' sources.
+A *family* is a name for the tags that a range of CARLA's versions share, and its
+`Palette` the table of these tags, which converts them to names and back, and to
+colours. `FAMILIES` has the palettes by family, `family_of_version` returns the family
+that a version renders. For users, a family is a value of the option `palette`, as in
+its errors. Comments name the tables' sources.
 """
 
 from __future__ import annotations
@@ -40,8 +42,8 @@ class UnknownTag(FilterError):
     code = "unknown_tag"
 
 
-class UnknownPalette(FilterError):
-    """A palette name that is not one of the families."""
+class UnknownFamily(FilterError):
+    """A name that is not one of the families."""
 
     code = "unknown_palette"
 
@@ -57,7 +59,7 @@ class Tag:
 
 @dataclass(frozen=True)
 class Palette:
-    """One tag family, in which tag, name and colour are a bijection.
+    """The table of the family `name`: tag, name and colour are a bijection.
 
     Tag t is at place t.
     """
@@ -144,7 +146,7 @@ _COLORS: Final[Mapping[str, RGB]] = {
 def _palette(
     name: str, tags: str, others: Mapping[str, RGB] = MappingProxyType({})
 ) -> Palette:
-    """A family of these tags, in the order of their numbers.
+    """The palette of a family of these tags, in the order of their numbers.
 
     `others` are the colours that are not those of `_COLORS`.
     """
@@ -228,14 +230,14 @@ _FIRST_VERSION: Final = (
 def palette_of(family: str) -> Palette:
     """The family's palette.
 
-    Raises `UnknownPalette`: if there is no such family; the text lists those that there
+    Raises `UnknownFamily`: if there is no such family; the text lists those that there
     are.
     """
     try:
         return FAMILIES[family]
     except KeyError:
         names = ", ".join(FAMILIES)
-        raise UnknownPalette(
+        raise UnknownFamily(
             f"palette must be auto or one of {names}; found {family!r}"
         ) from None
 

@@ -56,8 +56,8 @@ from filter_core.segmentation.tags import (
     refuse_unlike_palettes,
 )
 
-PALETTES: Final = ("auto", *FAMILIES)
-"""The allowed names of a segmentation's tag family."""
+FAMILY_NAMES: Final = ("auto", *FAMILIES)
+"""The values of the option `palette`: the families, and ``auto`` to recognise it."""
 
 Encoding: TypeAlias = Literal["auto", "palette", "raw"]
 
@@ -267,7 +267,7 @@ def segmentation_from_tags(
     ------
     SegmentationError
         ``bad_segmentation``: another shape or dtype.
-    UnknownPalette
+    UnknownFamily
         If there is no such family.
     """
     palette_of(family)

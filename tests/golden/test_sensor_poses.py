@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from filter_core.evidence.depth import depth_interval
-from filter_core.evidence.lidar import LidarPoints, points_inside
+from filter_core.evidence.lidar import points_inside
 from filter_core.geometry.pose import as_transform
 from tests.support.geometry_oracle import camera_of
 from tests.support.shared_data import shared
@@ -32,10 +32,13 @@ def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
         beside = centre + (vertices - centre) * dice.uniform(1.05, 2, (8, 1))
         inverse = np.array(case["carla"]["camera_inverse_matrix"])
         in_axes = np.concatenate([inside, beside]) @ inverse[:3, :3].T + inverse[:3, 3]
-        points = LidarPoints(in_axes, np.full(16, CAR))
 
         counted = points_inside(
-            points, as_transform(case["camera"]), vertices[None], np.array([1 << CAR])
+            in_axes,
+            np.full(16, CAR),
+            as_transform(case["camera"]),
+            vertices[None],
+            np.array([1 << CAR]),
         )
 
         assert counted.tolist() == [8], case["id"]

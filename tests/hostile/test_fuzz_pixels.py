@@ -89,7 +89,7 @@ forged_npys = st.builds(
 @example(npy(np.full((2, 6), [0, 0, 0, 0, 0, np.nan])))
 def test_any_point_cloud_gives_points_or_raises_our_own_error(content):
     with little_memory(), suppress(PointsError):
-        assert len(read_points(content)) >= 0
+        read_points(content)
 
 
 @fuzz_settings

@@ -59,18 +59,9 @@ class Image(NamedTuple):
         return self.folder / self.name
 
 
-class _Above(NamedTuple):
-    """What the folders above an image say, and the beginnings of its keys."""
-
-    parts: tuple[Part, ...]
-    role: Role | None
-    picture: str
-    frame: str
-    stream: str
-
-
 @lru_cache(4096)
-def _above(folders: str) -> _Above:
+def _above(folders: str) -> tuple[tuple[Part, ...], Part]:
+    """What the folders above an image say: each, and all together."""
     normal = unicodedata.normalize("NFC", folders)
     # carlasimu on Linux writes folders with a backslash in their names.
     names = normal.replace("\\", "/").split("/")
@@ -79,18 +70,18 @@ def _above(folders: str) -> _Above:
         key_of_folders("/".join(filter(None, texts)))
         for texts in ([part.picture for part in parts], [part.frame for part in parts])
     )
-    return _Above(parts, _role(parts), picture, frame, DIGITS.sub("#", folders))
+    return parts, Part(_role(parts), False, picture, frame)
 
 
 def image_at(name: str, folder: Path) -> Image:
     folders, _, last = name.rpartition("/")
     stem, suffix = split_name(unicodedata.normalize("NFC", last))
-    above, own = _above(folders), part_of(stem)
+    (parts, above), own = _above(folders), part_of(stem)
     if own.is_pure and above.role == "image":  # a picture may be called anything
         own = Part(None, False, stem, stem)
     role, words = above.role, ""
     if own.role is not None:
-        role = _role((*above.parts, own))
+        role = _role((*parts, own))
         words = DIGITS.sub("#", stem.replace(own.frame, ""))
     picture = f"{above.picture}{own.picture}".rstrip("/")
     frame = f"{above.frame}{own.frame}".rstrip("/")
@@ -98,19 +89,19 @@ def image_at(name: str, folder: Path) -> Image:
         name,
         folder,
         role,
-        any(part.is_pure and part.role == role for part in above.parts),
+        any(part.is_pure and part.role == role for part in parts),
         above.role == "image",
         picture,
         picture if frame == picture else frame,
-        _stream_key(above.stream, words, suffix.lower()),
+        _stream_key(folders, words, suffix.lower()),
         own.role is not None,
     )
 
 
 @lru_cache(4096)
-def _stream_key(*parts: str) -> tuple[str, ...]:
-    """The same tuple for all images of a stream, which may be a million."""
-    return parts
+def _stream_key(folders: str, *others: str) -> tuple[str, ...]:
+    """The same tuple for all images of a stream in a folder, of a million perhaps."""
+    return DIGITS.sub("#", folders), *others
 
 
 def _role(parts: Sequence[Part]) -> Role | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 from filter_core.formats.reading import last_name
 from filter_core.formats.streams.facts import StreamPart
@@ -212,12 +212,14 @@ class Roles:
                 for other in by_base.get(last_name(first.frame), ())
                 if other is not stream
             ]
-            beside = _Beside(
-                first.frame in pictures,
-                bool(others),
-                any(other.images[0].role == "image" for other in others),
+            decided = partial(
+                _decided,
+                has_partner=first.frame in pictures,
+                in_color=bool(others),
+                has_named=stream.has_content
+                and any(other.images[0].role == "image" for other in others),
             )
-            self._decide(stream, beside)
+            self._decide(stream, decided)
             self.parts += self._parts(stream)
         self.images = [self._without_ending(image) for image in images]
 
@@ -285,13 +287,14 @@ class Roles:
             )
         return streams
 
-    def _decide(self, stream: _Stream, beside: _Beside) -> None:
+    def _decide(
+        self, stream: _Stream, decided: Callable[[Image, Look | None], _Outcome]
+    ) -> None:
         """The roles of a stream's images; if its looks disagree, by looking at each."""
         first = stream.images[0]
         if first.values is not None:
             self._of_stream[self._stream_of(first)] = first.role, ""
             return
-        decided = partial(_decided, beside=beside, has_content=stream.has_content)
         outcomes = {decided(first, look) for look in stream.looks or (None,)}
         if len(outcomes) == 1:
             self._of_stream[self._stream_of(first)] = outcomes.pop()
@@ -378,37 +381,32 @@ def _sum(streams: Sequence[Sequence[Image]]) -> str:
     return f"{sum(map(len, streams))} images, such as {streams[0][0].name},"
 
 
-class _Beside(NamedTuple):
-    """What is beside an image.
-
-    A picture that it could belong to, if it is none itself (`partner`); one of the same
-    name that is not grey (`in_color`); and one of the same name whose path says that it
-    is a picture (`named`).
-    """
-
-    partner: bool
-    in_color: bool
-    named: bool
-
-
 def _decided(
-    image: Image, look: Look | None, beside: _Beside, *, has_content: bool
+    image: Image,
+    look: Look | None,
+    *,
+    has_partner: bool,
+    in_color: bool,
+    has_named: bool,
 ) -> _Outcome:
     """The role of an image, or None and the reason why it has none.
 
-    `look` is that of its stream, or its own; `has_content` is of its stream.
+    `look` is that of its stream, or its own. The others say what is beside it: a
+    picture that it could belong to, if it is none itself; an image of the same name
+    that is not grey; and one of the same name whose path says that it is a picture,
+    while files of its own stream have content.
     """
     role = image.role
     if role == "mask":
         return ("segmentation" if look == "segmentation" else "mask"), ""
     if role is not None and role != "image":
         is_picture = look == "photo" or (look is None and image.in_pictures)
-        return ("image" if is_picture and not beside.partner else role), ""
-    if role is None and look == "grey" and beside.in_color:
+        return ("image" if is_picture and not has_partner else role), ""
+    if role is None and look == "grey" and in_color:
         return None, _UNCLEAR
     # The losses of a JPEG hide what it is, but few keep anything but pictures in one.
-    is_exact = image.name.lower().endswith(".png") and has_content
-    if role is None and look is None and beside.named and is_exact:
+    is_exact = image.name.lower().endswith(".png")
+    if role is None and look is None and has_named and is_exact:
         return None, _SILENT
     shown_role = None if look is None else _ROLE_OF.get(look)
     if shown_role is None:

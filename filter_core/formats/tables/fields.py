@@ -23,7 +23,7 @@ from jmespath.exceptions import JMESPathError
 
 from filter_core.config.declaration import refuse_unknown_keys, wrong_value
 from filter_core.errors import ConfigError
-from filter_core.values import place_of
+from filter_core.values import prefix_of
 
 FRAMES: Final = "frames"
 """The field that says where the frames are in a file of many."""
@@ -215,8 +215,8 @@ class AllowedFields:
         if not named <= {*whole, *(_OF_BOX3D if "centre" in whole else ())}:
             forms = "; ".join(", ".join(of) for of in FORMS_BY_FIELDS.values())
             raise ConfigError(
-                f"{place_of(place)}expected the fields of one form of boxes ({forms}), "
-                f"found {', '.join(each for each in _USUAL if each in named)}",
+                f"{prefix_of(place)}expected the fields of one form of boxes ({forms}),"
+                f" found {', '.join(each for each in _USUAL if each in named)}",
                 pointer=place,
             )
         lists = value.get(BOXES)

@@ -11,8 +11,7 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +28,6 @@ from filter_core.formats.reading import (
     Unmatched,
     walk,
 )
-from filter_core.formats.words import VIEW_WORD
 
 FRAME: Final = "frame"
 """The name in braces that each pattern has, except that of labels of many frames."""
@@ -489,112 +487,3 @@ class PatternFiles:
             noun = "label file" if role == LABELS else role
             for path, why in files.unused.items():
                 yield Unmatched(path, why or f"no {lead} for this {noun}")
-
-
-class NamedFiles(NamedTuple):
-    """Files of one kind: they differ in the frame's part of their names, and by folder.
-
-    `paths` are below the folder; `before` and `behind` are what the name of each has
-    around the frame's part.
-    """
-
-    paths: Sequence[str]
-    before: str
-    behind: str
-
-
-class PatternFinder:
-    """Finds patterns that match the files of some kinds, and no others.
-
-    Of others it may match those whose own patterns are more specific. `kinds` are all
-    files of a folder. `frame_part` gives what the name of a folder has besides words
-    that say what files are; it is in braces where folders differ.
-    """
-
-    def __init__(
-        self, kinds: Sequence[NamedFiles], frame_part: Callable[[str], str]
-    ) -> None:
-        self._kinds, self._frame_part = kinds, frame_part
-        self._by_folder: dict[str, dict[int, list[str]]] = {}
-        for number, kind in enumerate(kinds):
-            for path in kind.paths:
-                folder = path.rpartition("/")[0]
-                kinds_there = self._by_folder.setdefault(folder, {})
-                kinds_there.setdefault(number, []).append(path)
-
-    def pattern_of(self, numbers: Collection[int]) -> FilePattern | None:
-        """The pattern of the files of these kinds; None if there is none."""
-        first = self._kinds[min(numbers)]
-        name = f"{first.before}{{{FRAME}}}{first.behind}"
-        folders = {
-            folder: None
-            for folder, kinds in self._by_folder.items()
-            if not kinds.keys().isdisjoint(numbers)
-        }
-        for place in _folder_patterns([*folders], self._frame_part):
-            try:
-                pattern = FilePattern(f"{place}{name}")
-            except ValueError:  # names with braces or colons
-                continue
-            if self._fits(pattern, place, numbers):
-                return pattern
-        return None
-
-    def _fits(self, pattern: FilePattern, place: str, numbers: Collection[int]) -> bool:
-        """Whether a pattern is that of just the files of these kinds."""
-        folder_fits = FilePattern(f"{place}{{{FRAME}}}").match
-        for folder, kinds in self._by_folder.items():
-            if folder_fits(f"{folder}/0".removeprefix("/")) is None:
-                if not kinds.keys().isdisjoint(numbers):
-                    return False
-                continue
-            for number, paths in kinds.items():
-                is_ours = number in numbers
-                if not is_ours and self._fixed(number) > self._fixed(min(numbers)):
-                    continue
-                if any((pattern.match(path) is None) is is_ours for path in paths):
-                    return False
-        return True
-
-    def _fixed(self, number: int) -> int:
-        """How many characters of the names of a kind are always the same."""
-        return len(self._kinds[number].before) + len(self._kinds[number].behind)
-
-
-def _folder_patterns(
-    folders: Sequence[str], frame_part: Callable[[str], str]
-) -> Iterator[str]:
-    """Beginnings of patterns for folders at one depth, each with a slash at its end."""
-    levels = [folder.split("/") for folder in folders]
-    if len({len(parts) for parts in levels}) != 1:
-        return
-    names = [list(dict.fromkeys(each)) for each in zip(*levels, strict=True)]
-    if names == [[""]]:
-        yield ""
-        return
-    yield "".join(_level_patterns(names, frame_part))
-    if any(len(each) > 1 for each in names):
-        yield "".join(_level_patterns(names, lambda name: name))
-
-
-def _level_patterns(
-    names: Sequence[Sequence[str]], frame_part: Callable[[str], str]
-) -> Iterator[str]:
-    """The pattern of each level of folders, of which these are the names."""
-    words: Counter[str] = Counter()
-    for of_level in names:
-        if len(of_level) == 1:
-            yield f"{of_level[0]}/"
-            continue
-        rests = [frame_part(name) for name in of_level]
-        around = {
-            name.partition(rest)[::2] if rest else ("", "")
-            for name, rest in zip(of_level, rests, strict=True)
-        }
-        before, behind = around.pop()
-        if around or "" in rests:
-            rests, before, behind = [*of_level], "", ""
-        word = CAMERA if all(map(VIEW_WORD.search, rests)) else "part"
-        words[word] += 1
-        number = words[word] if words[word] > 1 else ""
-        yield f"{before}{{{word}{number}}}{behind}/"

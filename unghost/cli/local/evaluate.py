@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
     from filter_core.evaluation.comparison import EvaluationObject
     from filter_core.evaluation.scores import ConfusionObject, MeasuredObject
-    from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
+    from filter_core.evaluation.thresholds import Goal, Suggestion, TruthCollector
     from filter_core.local import KnownBoxes, Truth
 
 
@@ -271,7 +271,7 @@ class _Thresholds:
         self.collector.add(boxes.evidence, boxes.visible)
 
     @cached_property
-    def suggested(self) -> list[ClassSuggestion]:
+    def suggested(self) -> list[Suggestion]:
         """A threshold for each class that has boxes of both kinds."""
         return self.collector.suggestions(self.goal)
 
@@ -298,14 +298,13 @@ class _Thresholds:
             screen.note(f"wrote {self.file}")
 
 
-def _threshold_row(suggestion: ClassSuggestion) -> tuple[object, ...]:
-    best = suggestion.found
-    scores = (best.at_current.f1, best.at_suggested.f1)
+def _threshold_row(suggestion: Suggestion) -> tuple[object, ...]:
+    scores = (suggestion.at_current.f1, suggestion.at_suggested.f1)
     return (
         suggestion.class_name,
-        suggestion.current,
-        best.threshold,
-        *(round(bound, 2) for bound in best.interval),
+        suggestion.at_current.threshold,
+        suggestion.threshold,
+        *(round(bound, 2) for bound in suggestion.interval),
         *(None if score is None else round(score, 3) for score in scores),
     )
 

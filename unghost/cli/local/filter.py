@@ -385,7 +385,8 @@ def other_colors(outcome: FrameOutcome, config: FilterConfig) -> Counter[str]:
     It counts one colour for each class, while CARLA has had several tags for some since
     0.9.14: the pixels of most trucks are Truck, and it looks for Car.
     """
-    from filter_core.classes import accept_mask_of, measured_class
+    from filter_core.class_names import class_meant_by
+    from filter_core.classes import accept_mask_of
 
     boxes: Counter[str] = Counter()
     if config.profile != "carlasimu" or outcome.palette is None:
@@ -394,7 +395,7 @@ def other_colors(outcome: FrameOutcome, config: FilterConfig) -> Counter[str]:
         if decision["verdict"] != "rejected" or not decision["hidden_by"]:
             continue
         name = decision["class"]
-        mask = accept_mask_of(measured_class(name), outcome.palette)
+        mask = accept_mask_of(class_meant_by(name) or name, outcome.palette)
         tags = (each for each in decision["hidden_by"] if mask >> each["tag"] & 1)
         filled = sum(each["percent"] for each in tags)
         boxes[name] += filled > config.limits_of(name).threshold_small_box

@@ -238,7 +238,7 @@ _COMPARED: Final = 250
 def import_edited(options: PushOptions, edited: Path) -> None:
     """Send what people did with the boxes of an export as their answers."""
     from filter_core.errors import LayoutError
-    from filter_core.evaluation.edited import EditedExport
+    from filter_core.evaluation.edited import edited_answers
     from filter_core.formats.registry import read_source
 
     description = options.describe(options.source)
@@ -249,15 +249,15 @@ def import_edited(options: PushOptions, edited: Path) -> None:
             f"{exported.layout}"
         )
     again = replace(description, labels=edited)
-    export = EditedExport(
+    on_frames, counts = edited_answers(
         exported,
         read_source(options.source, exported.layout, again),
         by=exported.layout,
         at=datetime.fromtimestamp(edited.stat().st_mtime, timezone.utc),
     )
-    answers = [{"frame": key, **answer._asdict()} for key, answer in export.answers()]
+    answers = [{"frame": key, **answer._asdict()} for key, answer in on_frames]
     for word, text in _OF_EDITED.items():
-        if count := export.counts[word]:
+        if count := counts[word]:
             options.screen.note(f"{count:,} {text}")
     with options.connect() as client:
         import_answers(client, options.dataset, answers, options.screen)

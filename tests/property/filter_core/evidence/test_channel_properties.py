@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from filter_core.evidence.depth import depth_interval
 from filter_core.evidence.instances import assign_instances
-from filter_core.evidence.lidar import LidarPoints, points_inside
+from filter_core.evidence.lidar import points_inside
 from filter_core.evidence.ordered import islands, owned_pixels, silhouette_bounds
 from filter_core.evidence.silhouettes import (
     AcceptedPixels,
@@ -253,9 +253,8 @@ def test_lidar_points_inside_a_box_equal_a_count_by_hand(xyz, yaw, half):
         @ transform_matrices([[0, 0, 0]], [[0, yaw, 0]])[0][:3, :3].T
     )
     tags = np.arange(30) % 3
-    points = LidarPoints(xyz, tags)
 
-    counted = points_inside(points, Transform(), corners[None], np.array([0b110]))
+    counted = points_inside(xyz, tags, Transform(), corners[None], np.array([0b110]))
 
     back = xyz @ transform_matrices([[0, 0, 0]], [[0, yaw, 0]])[0][:3, :3]
     gap = np.abs(np.abs(back).max(axis=1) - half)

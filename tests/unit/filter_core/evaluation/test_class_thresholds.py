@@ -25,8 +25,9 @@ def filled_collector(config=None):
 def test_classes_are_identified_by_name_in_any_order():
     (light,) = filled_collector().suggestions(Goal())
 
-    assert (light.class_name, light.current, light.boxes) == ("traffic_light", 10, 4)
-    assert 1 < light.found.threshold < 6
+    assert (light.class_name, light.boxes) == ("traffic_light", 4)
+    assert (light.key, light.at_current.threshold) == ("threshold_small_box", 10)
+    assert 1 < light.threshold < 6
 
 
 def test_with_thresholds_keeps_all_other_settings():
@@ -46,7 +47,7 @@ def test_with_thresholds_keeps_all_other_settings():
     assert (new.evidence, new.max_distance) == ("semantic", 80)
     assert new.limits_of("traffic_light").min_visible_pixels == 2
     assert new.limits_of("traffic_light").threshold_small_box == (
-        suggestions[0].found.threshold
+        suggestions[0].threshold
     )
     assert new.of_class("van") == config.of_class("van")
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from filter_core.evidence.lidar import (
-    LidarPoints,
     PointsError,
     check_points,
     points_inside,
@@ -30,10 +29,10 @@ from tests.support.sensors import CAR, box_ahead
     ids=["ascii", "little endian", "big endian", "structured npy", "plain npy"],
 )
 def test_ply_and_npy_forms_give_the_same_points(content):
-    points = read_points(content)
+    xyz, tags = read_points(content)
 
-    assert points.xyz.tolist() == [[1.5, -2.0, 0.25], [8.0, 9.0, 1.0]]
-    assert points.tag.tolist() == [CAR, 1]
+    assert xyz.tolist() == [[1.5, -2.0, 0.25], [8.0, 9.0, 1.0]]
+    assert tags.tolist() == [CAR, 1]
 
 
 @pytest.mark.parametrize(
@@ -64,16 +63,14 @@ def test_read_points_refuses_an_invalid_file(content, words):
 
 
 def test_points_are_placed_by_the_sensors_own_transform():
-    points = LidarPoints(
-        np.array([[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [10.0, 0.0, 0.0]]),
-        np.array([CAR, CAR, 1]),
-    )
+    xyz = np.array([[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [10.0, 0.0, 0.0]])
     turned = Transform((100.0, 50.0, 0.0), (0.0, 90.0, 0.0))
     ahead_of_it = box_ahead(0.0, half=1.0) + np.array([100.0, 60.0, 0.0])
     flat = np.full((8, 3), np.nan)
 
     counts = points_inside(
-        points,
+        xyz,
+        np.array([CAR, CAR, 1]),
         turned,
         np.stack([ahead_of_it, box_ahead(10.0, half=1.0), flat]),
         np.full(3, 1 << CAR, np.int64),
@@ -151,9 +148,9 @@ def test_ascii_numbers_across_read_boundaries_are_counted_correctly(blank, size)
     text = header("ascii", points) + blank.join(words).encode()
 
     assert check_points(text, sensor="lidar") == "application/x-ply"
-    read = read_points(text)
-    assert len(read) == points
-    assert [*read.xyz[-1], read.tag[-1]] == [*map(float, words[-6:-3]), int(words[-1])]
+    xyz, tags = read_points(text)
+    assert len(xyz) == len(tags) == points
+    assert [*xyz[-1], tags[-1]] == [*map(float, words[-6:-3]), int(words[-1])]
     with pytest.raises(PointsError, match="truncated"):
         check_points(text[: text.rindex(blank.encode())], sensor="lidar")
 

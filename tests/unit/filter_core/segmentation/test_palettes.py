@@ -7,7 +7,7 @@ import pytest
 
 from filter_core.segmentation.palettes import (
     FAMILIES,
-    UnknownPalette,
+    UnknownFamily,
     UnknownTag,
     UnknownVersion,
     family_of_version,
@@ -88,5 +88,5 @@ def test_tag_names_are_case_insensitive_and_unknown_ones_refused_with_a_list():
     assert FAMILIES["carla-0.9.14"].tag_of("trafficlight") == 7
     with pytest.raises(UnknownTag, match=r"carla-0\.9\.10 has no tag 'Car'; .*Vehicle"):
         FAMILIES["carla-0.9.10"].tag_of("Car")
-    with pytest.raises(UnknownPalette, match=r"carla-0\.9\.14.*found 'carla-1'"):
+    with pytest.raises(UnknownFamily, match=r"carla-0\.9\.14.*found 'carla-1'"):
         palette_of("carla-1")

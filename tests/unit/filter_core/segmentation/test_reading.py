@@ -11,7 +11,7 @@ from filter_core.errors import (
     SegmentationError,
 )
 from filter_core.evidence.semantic import measure
-from filter_core.segmentation.palettes import FAMILIES, UnknownPalette
+from filter_core.segmentation.palettes import FAMILIES, UnknownFamily
 from filter_core.segmentation.reading import (
     Encoding,
     SegmentationOptions,
@@ -380,7 +380,7 @@ def test_invalid_segmentation_file_is_refused(content, error, message):
     [
         ({"expected_wh": (5, 8)}, ImageSizeMismatch, "is 8 x 5 pixels, the image is 5"),
         ({"max_side": 7}, ImageTooLarge, "no side may exceed 7"),
-        ({"options": NO_PALETTE}, UnknownPalette, r"found 'carla-0\.9\.15'"),
+        ({"options": NO_PALETTE}, UnknownFamily, r"found 'carla-0\.9\.15'"),
     ],
 )
 def test_another_size_or_palette_than_there_may_be_is_refused(options, error, message):

@@ -37,7 +37,7 @@ ANSWERS_BUT_CLEAR = [answer for answer in get_args(words.Answer) if answer != "c
         (words.FileKind, manifest.FRAME_FILES),
         (words.Layout, LAYOUTS),
         (words.FolderLayout, LAYOUTS[1:]),
-        (words.Palette, reading.PALETTES),
+        (words.Palette, reading.FAMILY_NAMES),
         (words.Encoding, get_args(reading.Encoding)),
         (words.ChannelOrder, get_args(reading.OrderOfChannels)),
         (words.LossyPolicy, get_args(reading.Lossy)),
