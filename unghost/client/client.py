@@ -145,9 +145,8 @@ class Client(Api, JobMethods):
         """Every item of a list; a page is fetched when its first item is needed."""
         cursor: str | None = None
         while True:
-            page = self._send(listing.page(cursor))
-            yield from page.items
-            cursor = page.next_cursor
+            items, cursor = self._send(listing.page(cursor))
+            yield from items
             if cursor is None:
                 return
 
@@ -253,9 +252,8 @@ class AsyncClient(Api):
     async def _pages(self, listing: Listing[T]) -> AsyncIterator[T]:
         cursor: str | None = None
         while True:
-            page = await self._send(listing.page(cursor))
-            for item in page.items:
+            items, cursor = await self._send(listing.page(cursor))
+            for item in items:
                 yield item
-            cursor = page.next_cursor
             if cursor is None:
                 return
