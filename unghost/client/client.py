@@ -126,10 +126,16 @@ class Client(Api, JobMethods):
                 print(outcome.key, outcome.word)
         """
         # Imported here, because most programs only read and never push.
-        from unghost.client.push import Upload
+        from unghost.client.push import upload
 
-        upload = Upload(self._transport, dataset_path(dataset), replace, connections)
-        with closing(upload.send(frames)) as outcomes:
+        sent = upload(
+            self._transport,
+            dataset_path(dataset),
+            frames,
+            replace=replace,
+            connections=connections,
+        )
+        with closing(sent) as outcomes:
             for number, outcome in enumerate(outcomes, start=1):
                 if progress is not None:
                     progress(number)
