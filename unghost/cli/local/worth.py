@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Final, get_args
 import typer
 
 from unghost.cli import sources
-from unghost.cli.cluster import NodeOptions, connected
+from unghost.cli.cluster import NodeOptions, connected, settings_of_node
 from unghost.cli.options import ServerOptions, read_folder, written_file
 from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal, refused_on
 from unghost.cli.summary import LOOKED_AT
@@ -171,6 +171,8 @@ def worth_it(options: WorthOptions) -> None:
     """
     from unghost.cli.worth_page import noise_tables
 
+    if options.engine != _HERE:
+        settings_of_node(options.engine, options)  # refuses a wrong address
     if options.dataset is not None:
         with options.connect() as client:
             client.dataset(options.dataset)
