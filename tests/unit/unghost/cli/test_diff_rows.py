@@ -35,8 +35,8 @@ def test_diff_rows_without_flips_per_class_have_empty_directions():
 
 
 def test_diff_as_json_has_the_sums_and_nothing_of_their_page(scripted):
-    page = {"items": [], "next_cursor": None, "page": 1}
-    scripted.answer_always(json_reply({**RESPONSE, **page}))
+    page = {**RESPONSE, "items": [], "next_cursor": None, "page": 1}
+    scripted.answer_always(json_reply(page))
     server = ("--server", scripted.url, "--token", "secret")
 
     result = CliRunner().invoke(app, ["diff", "1", "2", "--json", *server])
