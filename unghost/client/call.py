@@ -203,7 +203,7 @@ else:
     listing = passed_to("_pages", r"Listing\[", "Iterator[")
 
 
-def got(kind: JsonReader[T], path: str, **params: object) -> Call[T]:
+def fetched(kind: JsonReader[T], path: str, **params: object) -> Call[T]:
     """A call that fetches an object of a class; `params` are those of the query."""
     return Call("GET", path, result(kind), params=params)
 
