@@ -12,7 +12,8 @@ from unghost.capture.carlasimu import convert_carlasimu
 def small_scenario(frames: int) -> dict[str, Any]:
     """The scenario of its files, with few and small frames."""
     files = shared("oracles/carlasimu_yaml")
-    scenario: dict[str, Any] = convert_carlasimu(files).scenario
+    converted, _ = convert_carlasimu(files)
+    scenario: dict[str, Any] = converted
     camera = {**scenario["camera"], "width": 64, "height": 36}
     return {**scenario, "frames": frames, "interval_s": 0.1, "camera": camera}
 

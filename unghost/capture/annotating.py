@@ -87,16 +87,24 @@ class Annotator:
         `preset` is the name of the weather's.
         """
         session, camera = self.session, self.session.scenario.camera
-        version, snapshot = self.session.server_version, moment.snapshot
+        measured: dict[str, Transform] = {}
+        in_snapshot: dict[str, Transform] = {}
+        for sensor in self.sensors:
+            name, actor = sensor.name, moment.snapshot.find(sensor.actor.id)
+            measured[name] = as_transform(moment.measured[name].transform)
+            # The sensor itself has a pose, too, if the snapshot lacks it.
+            there = sensor.actor if actor is None else actor
+            in_snapshot[name] = as_transform(there.get_transform())
+        is_lagging = has_wrong_metadata(session.server_version)
+        used = in_snapshot if is_lagging else measured
+        main = main_camera(session.scenario)
+        self.poses_differ += differs(measured[main], in_snapshot[main])
         poses = {
-            sensor.name: sensor_pose(
-                moment.measured[sensor.name], sensor.actor, snapshot, version
-            )
-            for sensor in self.sensors
+            "image": measured[main].as_dict(),
+            "snapshot": in_snapshot[main].as_dict(),
+            "used": "snapshot" if is_lagging else "image",
         }
-        main = poses[main_camera(session.scenario)]
-        self.poses_differ += main.differs
-        shown = as_image(moment.measured[main_camera(session.scenario)])
+        shown = as_image(moment.measured[main])
         rules = self.session.scenario.boxes
         actors = self._actors.seen(moment.snapshot, self.ego.id, self.left_out)
         taken = _centres(actors)
@@ -107,7 +115,7 @@ class Annotator:
         boxes = []
         centres = _corners(objects).mean(axis=1)
         metres: list[float] = np.linalg.norm(
-            centres - main.used.location, axis=1
+            centres - used[main].location, axis=1
         ).tolist()
         for seen, distance in zip(objects, metres, strict=True):
             if rules.min_distance <= distance <= rules.max_distance:
@@ -125,31 +133,30 @@ class Annotator:
                 "width": shown.width,
                 "height": shown.height,
                 "fov": camera.fov,
-                "transform": main.used.as_dict(),
+                "transform": used[main].as_dict(),
             },
             "sensors": {
-                MANIFEST_KEYS[name]: {"transform": poses[name].used.as_dict()}
+                MANIFEST_KEYS[name]: {"transform": used[name].as_dict()}
                 for name in _POINT_SENSORS
-                if name in poses
+                if name in used
             },
             "boxes": boxes,
             "extra": {
-                "capture": {**self._story(moment, main), "missed_before": missed_before}
+                "capture": {
+                    **self._story(moment, poses),
+                    "missed_before": missed_before,
+                }
             },
             "captured_at": captured_at,
         }
 
-    def _story(self, moment: Moment, main: SensorPose) -> dict[str, object]:
+    def _story(self, moment: Moment, poses: Mapping[str, object]) -> dict[str, object]:
         snapshot, session = moment.snapshot, self.session
         story: dict[str, object] = {
             "frame": snapshot.frame,
             "elapsed_s": round(snapshot.timestamp.elapsed_seconds, 6),
             "client_version": session.client_version,
-            "poses": {
-                "image": main.measured.as_dict(),
-                "snapshot": main.snapshot.as_dict(),
-                "used": "image" if main.used is main.measured else "snapshot",
-            },
+            "poses": poses,
             "ego": self._pose_in(snapshot, self.ego.id),
         }
         for name, other in (("before", moment.before), ("after", moment.after)):
@@ -183,33 +190,6 @@ def _corners(objects: Sequence[SeenObject]) -> FloatArray:
 
 def _centres(objects: Sequence[SeenObject]) -> list[Triple]:
     return [(c[0], c[1], c[2]) for c in _corners(objects).mean(axis=1).tolist()]
-
-
-@dataclass(frozen=True)
-class SensorPose:
-    """The pose of a sensor, from its measurement and from the snapshot."""
-
-    measured: Transform
-    snapshot: Transform
-    """The actor's own if the snapshot has none."""
-    used: Transform
-    """The one to project with."""
-
-    @property
-    def differs(self) -> bool:
-        """Whether they differ by more than rounding errors."""
-        return differs(self.measured, self.snapshot)
-
-
-def sensor_pose(
-    measurement: Measurement, sensor: Actor, snapshot: WorldSnapshot, version: str
-) -> SensorPose:
-    """The poses of a sensor at one tick; which one is used depends on the version."""
-    measured = as_transform(measurement.transform)
-    actor = snapshot.find(sensor.id)
-    there = as_transform((sensor if actor is None else actor).get_transform())
-    used = there if has_wrong_metadata(version) else measured
-    return SensorPose(measured, there, used)
 
 
 def differs(pose: Transform, other: Transform) -> bool:

@@ -39,7 +39,7 @@ def choose_blueprints(
         raise ScenarioError(f"{at}.filter: no blueprint matches {pattern!r}")
     if generation != "all":
         blueprints = [
-            each for each in blueprints if _is(each, "generation", generation)
+            each for each in blueprints if _has_number(each, "generation", generation)
         ]
     if not blueprints:
         raise ScenarioError(
@@ -55,7 +55,9 @@ def with_wheels(
     """The blueprints with so many wheels; `ScenarioError` if there are none."""
     if wheels == "all":
         return blueprints
-    chosen = [each for each in blueprints if _is(each, "number_of_wheels", wheels)]
+    chosen = [
+        each for each in blueprints if _has_number(each, "number_of_wheels", wheels)
+    ]
     if not chosen:
         raise ScenarioError(f"{at}.wheels: no blueprint has {wheels} wheels")
     return chosen
@@ -103,7 +105,7 @@ def randomise(blueprint: Blueprint, dice: random.Random) -> None:
                 blueprint.set_attribute(name, dice.choice(list(offered)))
 
 
-def _is(blueprint: Blueprint, name: str, value: int) -> bool:
+def _has_number(blueprint: Blueprint, name: str, value: int) -> bool:
     # CARLA does not return numbers as text.
     has = blueprint.has_attribute(name)
     return bool(has and int(blueprint.get_attribute(name).as_int()) == value)

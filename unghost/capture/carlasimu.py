@@ -7,9 +7,8 @@ Each file is converted and checked separately, so that an error names its file.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import yaml
 from pydantic import TypeAdapter, ValidationError
@@ -24,6 +23,11 @@ from unghost.capture.simulator import (
     VEHICLE_LIGHTS,
     ScenarioError,
 )
+
+_Keys: TypeAlias = Mapping[str, object]
+"""The keys of one of its files, or of a part of one."""
+_Scenario: TypeAlias = dict[str, object]
+"""The keys of a scenario, as `parse_scenario` takes them."""
 
 _LAYERS: Final = {"building": "Buildings"}
 """Layers that have another name in mapLayer.yaml than in CARLA."""
@@ -97,23 +101,6 @@ _NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick"})
 _TRUTH: Final[TypeAdapter[bool]] = TypeAdapter(bool)
 
 
-@dataclass
-class Conversion:
-    """The content of a scenario file, and notes about keys that were not converted.
-
-    `scenario` is valid; keys that were not set, or that have their default, are left
-    out.
-    """
-
-    scenario: dict[str, object] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-
-    def as_yaml(self) -> str:
-        """The file: the notes as comments, then the scenario."""
-        comments = "".join(f"# {note}\n" for note in self.notes)
-        return comments + yaml.dump(self.scenario, Dumper=_Plain, sort_keys=False)
-
-
 class _Plain(yaml.SafeDumper):
     """Writes a value that two keys share twice, not as an alias."""
 
@@ -121,8 +108,17 @@ class _Plain(yaml.SafeDumper):
         return True
 
 
-def convert_carlasimu(folder: Path) -> Conversion:
+def scenario_text(scenario: _Keys, notes: Iterable[str]) -> str:
+    """A scenario file: the notes as comments, then the scenario."""
+    comments = "".join(f"# {note}\n" for note in notes)
+    return comments + yaml.dump(scenario, Dumper=_Plain, sort_keys=False)
+
+
+def convert_carlasimu(folder: Path) -> tuple[_Scenario, list[str]]:
     """The scenario of carlasimu's folder `yaml_files`; absent files mean defaults.
+
+    Keys that were not set, or that have their default, are left out of it. With it come
+    notes about keys that were not converted.
 
     Raises `ScenarioError`: no such file at all, an unknown key (names the nearest), or
     a wrong value.
@@ -140,16 +136,16 @@ def convert_carlasimu(folder: Path) -> Conversion:
             raise ScenarioError(f"{name}: expected keys under {CARLASIMU_ROOT!r}")
         _refuse_unknown(_mapping(document, name), frozenset({CARLASIMU_ROOT}), name)
         contents[name] = _mapping(inner, name)
-    result = Conversion()
+    scenario: _Scenario = {}
+    notes: list[str] = []
     for name, content in contents.items():
-        _CONVERTERS[name](content, result)
-        parse_scenario(result.scenario, name)
-    return result
+        _CONVERTERS[name](content, scenario, notes)
+        parse_scenario(scenario, name)
+    return scenario, notes
 
 
-def _data(content: Mapping[str, object], result: Conversion) -> None:
+def _data(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
     _refuse_unknown(content, _DATA_KEYS, "data.yaml")
-    scenario = result.scenario
     scenario.update(_taken(content, _PLAIN))
     scenario["traffic_manager"] = _taken(content, _MANAGER)
     vehicles = _taken(content, _VEHICLES)
@@ -170,17 +166,17 @@ def _data(content: Mapping[str, object], result: Conversion) -> None:
     counts = _mapping(content.get("number_of_walkers"), at)
     _refuse_unknown(counts, frozenset(_GAITS), at)
     scenario["walkers"] = {**walkers, **_taken(counts, _GAITS)}
-    _note_unused(_WITHOUT_MEANING, [content], "data.yaml", result.notes)
+    _note_unused(_WITHOUT_MEANING, [content], "data.yaml", notes)
     is_asynchronous = _truth(content, "asynch", "data.yaml", default=False)
     if is_asynchronous or not _truth(content, "synchronous", "data.yaml", default=True):
-        result.notes.append(
+        notes.append(
             "asynch and synchronous are not used: capture is always synchronous"
         )
     if _truth(content, "no_rendering", "data.yaml", default=False):
-        result.notes.append("no_rendering is not used: cameras need rendering")
+        notes.append("no_rendering is not used: cameras need rendering")
 
 
-def _lights(states: Mapping[str, object]) -> list[str]:
+def _lights(states: _Keys) -> list[str]:
     lights = {name.casefold(): name for name in VEHICLE_LIGHTS}
     on = set()
     for name in states:
@@ -199,47 +195,47 @@ def _number_or_all(value: object) -> object:
     return int(text) if text.isdecimal() else text
 
 
-def _sensors(content: Mapping[str, object], result: Conversion) -> None:
+def _sensors(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
     # `camera` and `sensors` of a scenario, from the content of sensors.yaml
     _refuse_unknown(content, frozenset(_NAMES), "sensors.yaml")
     sensors = {
         name: _set(_mapping(settings, f"sensors.yaml: {name}"))
         for name, settings in content.items()
     }
-    nothing: Mapping[str, object] = {}
+    nothing: _Keys = {}
     first = next((sensors[name] for name in _CAMERAS if name in sensors), nothing)
     lens = _lens(first)
     for name in _CAMERAS:
         other = sensors.get(name)
         if other is not None and _geometry(other) != _geometry(first):
-            result.notes.append(
+            notes.append(
                 f"sensors.yaml: {name} differs from the other cameras; all cameras "
                 "of a scenario share one size, place and lens"
             )
     camera = {ours: first[name] for name, ours in _SHARED.items() if name in first}
     camera |= {"mount": mount} if (mount := _mount(first, "camera")) else {}
     camera |= {"lens": lens} if lens else {}
-    result.scenario.update(
+    scenario.update(
         {
             "camera": camera,
             "sensors": {
-                _NAMES[name]: _sensor(name, settings, result.notes)
+                _NAMES[name]: _sensor(name, settings, notes)
                 for name, settings in sensors.items()
             },
         }
     )
 
 
-def _geometry(camera: Mapping[str, object]) -> tuple[object, ...]:
+def _geometry(camera: _Keys) -> tuple[object, ...]:
     sizes = tuple(camera.get(name) for name in _SHARED)
     return (*sizes, camera.get("location"), _lens(camera))
 
 
-def _lens(camera: Mapping[str, object]) -> dict[str, object]:
+def _lens(camera: _Keys) -> dict[str, object]:
     return {name: value for name, value in camera.items() if name in LENS_ATTRIBUTES}
 
 
-def _mount(sensor: Mapping[str, object], name: str) -> dict[str, float]:
+def _mount(sensor: _Keys, name: str) -> dict[str, float]:
     location = sensor.get("location")
     if location is None:
         return {}
@@ -249,9 +245,7 @@ def _mount(sensor: Mapping[str, object], name: str) -> dict[str, float]:
     return {"x": _number(location[0], at), "z": _number(location[1], at)}
 
 
-def _sensor(
-    name: str, sensor: Mapping[str, object], notes: list[str]
-) -> dict[str, object]:
+def _sensor(name: str, sensor: _Keys, notes: list[str]) -> dict[str, object]:
     if sensor.get("sensor_tick"):
         notes.append(
             f"sensors.yaml: {name}.sensor_tick is not used: it drifts against the "
@@ -269,15 +263,15 @@ def _sensor(
     return {**({"mount": mount} if mount else {}), "attributes": attributes}
 
 
-def _weather(content: Mapping[str, object], result: Conversion) -> None:
+def _weather(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
     numbers = {
         name: _number(value, f"weather.yaml: {name}")
         for name, value in _set(content).items()
     }
-    result.scenario["weather"] = {"parameters": numbers}
+    scenario["weather"] = {"parameters": numbers}
 
 
-def _map_layers(content: Mapping[str, object], result: Conversion) -> None:
+def _map_layers(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
     layers = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
     _refuse_unknown(content, frozenset(layers), "mapLayer.yaml")
     # A layer that is loaded already need not be loaded.
@@ -286,10 +280,10 @@ def _map_layers(content: Mapping[str, object], result: Conversion) -> None:
         for name in content
         if not _truth(content, name, "mapLayer.yaml", default=True)
     }
-    result.scenario["map_layers"] = off
+    scenario["map_layers"] = off
 
 
-def _boxes(content: Mapping[str, object], result: Conversion) -> None:
+def _boxes(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
     _refuse_unknown(content, _BOX_KEYS, "boundingBox.yaml")
     parts = {
         name: _mapping(content.get(name), f"boundingBox.yaml: {name}")
@@ -298,7 +292,7 @@ def _boxes(content: Mapping[str, object], result: Conversion) -> None:
     for name, part in parts.items():
         keys = _CAMERA_KEYS if name == "cam_rgb" else _PART_KEYS
         _refuse_unknown(part, keys, f"boundingBox.yaml: {name}")
-    camera, scenario = parts["cam_rgb"], result.scenario
+    camera = parts["cam_rgb"]
     at = "boundingBox.yaml: cam_rgb.actors"
     actors = _mapping(camera.get("actors"), at)
     _refuse_unknown(actors, frozenset(_BOX_ACTORS), at)
@@ -319,33 +313,33 @@ def _boxes(content: Mapping[str, object], result: Conversion) -> None:
     ]
     if "segmentation" in unwanted:
         unwanted.remove("segmentation")
-        result.notes.append(
+        notes.append(
             "boundingBox.yaml: the segmentation is recorded all the same: "
             "the filter needs it"
         )
     sensors = _mapping(scenario.get("sensors"), "sensors")
     if "semantic_lidar" in sensors:
-        result.notes.append(
+        notes.append(
             "sensors.yaml: semantic_lidar is not recorded: carlasimu does not save it"
         )
     scenario["sensors"] = {
         **sensors,
         **dict.fromkeys([*unwanted, "semantic_lidar"], False),
     }
-    _note_unused(_UNUSED_OF_CAMERA, parts.values(), "boundingBox.yaml", result.notes)
+    _note_unused(_UNUSED_OF_CAMERA, parts.values(), "boundingBox.yaml", notes)
     if not set(_BOX_DISTANCES).isdisjoint(camera):
-        result.notes.append(
+        notes.append(
             "boundingBox.yaml: max_distance limits what carlasimu draws, and "
             "min_distance is applied by the filter: boxes are recorded to 200 m, as "
             "carlasimu's labels are"
         )
-    result.notes.append(
+    notes.append(
         "filter, min_distance and the thresholds of boundingBox.yaml belong to the "
         "filter: unghost filter --config boundingBox.yaml reads them"
     )
 
 
-def _vehicles(content: Mapping[str, object], result: Conversion) -> None:
+def _vehicles(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
     named: dict[str, str] = {}
     for name, blueprints in content.items():
         if not isinstance(blueprints, list | None):
@@ -362,19 +356,17 @@ def _vehicles(content: Mapping[str, object], result: Conversion) -> None:
         if class_of(blueprint, None) != name
     }
     if own:
-        result.scenario["classes"] = own
+        scenario["classes"] = own
 
 
-def _colors(content: Mapping[str, object], result: Conversion) -> None:
-    result.notes.append(
+def _colors(content: _Keys, scenario: _Scenario, notes: list[str]) -> None:
+    notes.append(
         f"color_segmentation.yaml is not needed: tags are stored as numbers "
         f"({len(content)} colours left behind)"
     )
 
 
-def _taken(
-    entries: Mapping[str, object], names: Mapping[str, str]
-) -> dict[str, object]:
+def _taken(entries: _Keys, names: Mapping[str, str]) -> dict[str, object]:
     """Values under the scenario's names; an empty one (`seed:`) means the default."""
     return {
         ours: entries[theirs]
@@ -383,12 +375,12 @@ def _taken(
     }
 
 
-def _set(entries: Mapping[str, object]) -> dict[str, object]:
+def _set(entries: _Keys) -> dict[str, object]:
     """What is given without empty values, which leave the simulator's own as it is."""
     return {name: value for name, value in entries.items() if value is not None}
 
 
-def _mapping(value: object, at: str) -> Mapping[str, object]:
+def _mapping(value: object, at: str) -> _Keys:
     """Keys and values; none if nothing is given."""
     if value is None:
         return {}
@@ -404,7 +396,7 @@ def _number(value: object, at: str) -> float:
     return float(value)
 
 
-def _truth(entries: Mapping[str, object], name: str, at: str, *, default: bool) -> bool:
+def _truth(entries: _Keys, name: str, at: str, *, default: bool) -> bool:
     """True or false, as the scenario reads them; the default if nothing is given."""
     value = entries.get(name)
     if value is None:
@@ -417,7 +409,7 @@ def _truth(entries: Mapping[str, object], name: str, at: str, *, default: bool) 
 
 def _note_unused(
     names: Iterable[str],
-    parts: Iterable[Mapping[str, object]],
+    parts: Iterable[_Keys],
     file: str,
     notes: list[str],
 ) -> None:
@@ -427,9 +419,7 @@ def _note_unused(
         notes.append(f"{file}: keys that are not used: {', '.join(unused)}")
 
 
-def _refuse_unknown(
-    entries: Mapping[str, object], keys: frozenset[str], at: str
-) -> None:
+def _refuse_unknown(entries: _Keys, keys: frozenset[str], at: str) -> None:
     """`ScenarioError` for the first key that carlasimu does not have."""
     for key in entries:
         if key not in keys:
@@ -443,7 +433,7 @@ def _wrong(at: str, expected: str, value: object) -> ScenarioError:
     return ScenarioError(f"{at}: expected {expected}, found {repr(value)[:60]}")
 
 
-_CONVERTERS: Final[Mapping[str, Callable[[Mapping[str, object], Conversion], None]]] = {
+_CONVERTERS: Final[Mapping[str, Callable[[_Keys, _Scenario, list[str]], None]]] = {
     "data.yaml": _data,
     "sensors.yaml": _sensors,
     "weather.yaml": _weather,
@@ -452,4 +442,4 @@ _CONVERTERS: Final[Mapping[str, Callable[[Mapping[str, object], Conversion], Non
     "vehicles_name.yaml": _vehicles,
     "color_segmentation.yaml": _colors,
 }
-"""What makes of each file a part of the scenario, in the order of its keys."""
+"""What adds each file to the scenario and to its notes, in the order of its keys."""

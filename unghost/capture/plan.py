@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from unghost.capture.rig import BLUEPRINTS, CAMERAS, wanted_sensors
+from unghost.capture.rig import BLUEPRINTS, CAMERAS, recorded_sensors
 from unghost.capture.scenario import Scenario
 
 _BYTES_PER_PIXEL: Final[Mapping[str, float]] = {
@@ -25,7 +25,7 @@ def plan_of(
     scenario: Scenario, output: Path, dataset: str | None
 ) -> tuple[list[tuple[str, str]], dict[str, object]]:
     """The plan of a capture: rows for people, a record for programs."""
-    sensors = wanted_sensors(scenario)
+    sensors = recorded_sensors(scenario)
     frames = scenario.all_frames
     seconds = frames * scenario.ticks_per_frame * scenario.delta_s
     starts = len(scenario.of_each_map)
@@ -43,8 +43,9 @@ def plan_of(
         f"{name} {sweep.first:g} to {sweep.last:g}"
         for name, sweep in weather.sweep.items()
     ]
-    maps_x_frames = f" ({len(scenario.maps)} maps x {scenario.frames})"
-    of_each = maps_x_frames if scenario.maps else ""
+    by_map = (
+        f" ({len(scenario.maps)} maps x {scenario.frames})" if scenario.maps else ""
+    )
     rules = scenario.boxes
     kinds = ("vehicles", "walkers", "parked_vehicles", "traffic_lights")
     named = [kind.replace("_", " ") for kind in kinds if getattr(rules, kind)]
@@ -66,7 +67,7 @@ def plan_of(
         ("boxes", f"{', '.join(named) or 'none'}, {reach}"),
         (
             "frames",
-            f"{frames}{of_each}, one every {scenario.ticks_per_frame} ticks "
+            f"{frames}{by_map}, one every {scenario.ticks_per_frame} ticks "
             f"of {scenario.delta_s:g} s: {seconds:g} s simulated",
         ),
         ("size", f"about {max(1, round(size / 1e6)):,} MB"),

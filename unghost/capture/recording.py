@@ -45,7 +45,7 @@ from unghost.capture.simulator import (
     connect,
     has_wrong_metadata,
 )
-from unghost.capture.traffic import choose_traffic, spawn
+from unghost.capture.traffic import Traffic
 from unghost.capture.weather import WeatherPlan, preset_of
 
 Advance = Callable[[int, "int | None"], None]
@@ -217,10 +217,10 @@ class _Recorder:
         left = all_frames - self._recorded.frames + self._recorded.added
         session.seed += self._of_map
         # All of it is checked before any of it is spawned.
-        kinds, rig = choose_traffic(session), prepare_rig(session)
+        traffic, rig = Traffic(session), prepare_rig(session)
         weather = WeatherPlan(session)
         weather.set(self._of_map)
-        ego, vehicles, walkers = spawn(session, kinds, self._stop)
+        ego, vehicles, walkers = traffic.spawn(self._stop)
         self._recorded.vehicles += vehicles
         self._recorded.walkers += walkers
         self._sensors = start_rig(session, rig, ego)

@@ -70,7 +70,7 @@ class RunningSensor:
     inbox: queue.Queue[Measurement] = field(default_factory=queue.Queue)
 
 
-def wanted_sensors(scenario: Scenario) -> dict[str, CameraSensor | RangeSensor]:
+def recorded_sensors(scenario: Scenario) -> dict[str, CameraSensor | RangeSensor]:
     """The sensors that a scenario records, by name, in one order."""
     chosen = ((name, getattr(scenario.sensors, name)) for name in BLUEPRINTS)
     return {name: sensor for name, sensor in chosen if sensor is not None}
@@ -84,7 +84,7 @@ def main_camera(scenario: Scenario) -> str:
 def prepare_rig(session: CaptureSession) -> list[MountedSensor]:
     """Blueprints with all attributes set; `ScenarioError` names a wrong key."""
     camera, mounted = session.scenario.camera, []
-    for name, sensor in wanted_sensors(session.scenario).items():
+    for name, sensor in recorded_sensors(session.scenario).items():
         at, mount = f"sensors.{name}", camera.mount
         blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
         shared: dict[str, AttributeValue] = {"sensor_tick": 0.0}

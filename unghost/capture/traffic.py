@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import reduce
 from typing import Final
@@ -34,44 +33,130 @@ _TRIES: Final = 5
 """Places on the sidewalk that are tried for one walker."""
 
 
-@dataclass(frozen=True, eq=False)
-class TrafficKinds:
-    """The blueprints that a scenario selects, with their attributes checked.
+class Traffic:
+    """The traffic of a scenario: the blueprints that it selects, then the actors."""
 
-    Vehicles and walkers are chosen from those listed, of which there may be none.
-    """
+    def __init__(self, session: CaptureSession) -> None:
+        """Choose the blueprints; nothing is spawned.
 
-    ego: Blueprint
-    vehicles: Sequence[Blueprint]
-    walkers: Sequence[Blueprint]
-    spawn_points: Sequence[Pose]
-    """The map's own, in its order."""
-    controller: Blueprint | None
-    """It controls walkers; None if there are none."""
+        Raises `ScenarioError` if there are no such blueprints or no such spawn point,
+        and `CaptureError` if the map has no spawn points.
+        """
+        self._session = session
+        world, scenario = session.world, session.scenario
+        self._ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
+        self._points = list(world.get_map().get_spawn_points())
+        if not self._points:
+            raise CaptureError("map: it has no spawn points for vehicles")
+        place = scenario.ego.spawn_point
+        if place is not None and place >= len(self._points):
+            raise ScenarioError(
+                f"ego.spawn_point: {session.map_name} has 0 to "
+                f"{len(self._points) - 1}, found {place}"
+            )
+        if self._ego.has_attribute("role_name"):
+            set_attributes(self._ego, {"role_name": scenario.ego.role_name}, "ego")
+        people = scenario.walkers
+        self._walkers: list[Blueprint] = []
+        self._controller: Blueprint | None = None
+        if people.count:
+            self._walkers = choose_blueprints(
+                world, people.filter, people.generation, "walkers"
+            )
+            self._controller = find_blueprint(world, "controller.ai.walker", "walkers")
+        self._vehicles = _vehicles(session)
 
+    def spawn(self, stop: StopRequest) -> tuple[Actor, int, int]:
+        """The ego vehicle, and how many other vehicles and walkers found a free place.
 
-def choose_traffic(session: CaptureSession) -> TrafficKinds:
-    """The blueprints of a scenario; `ScenarioError` before anything is spawned."""
-    world, scenario = session.world, session.scenario
-    ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
-    points = list(world.get_map().get_spawn_points())
-    if not points:
-        raise CaptureError("map: it has no spawn points for vehicles")
-    place = scenario.ego.spawn_point
-    if place is not None and place >= len(points):
-        raise ScenarioError(
-            f"ego.spawn_point: {session.map_name} has 0 to {len(points) - 1}, "
-            f"found {place}"
-        )
-    if ego.has_attribute("role_name"):
-        set_attributes(ego, {"role_name": scenario.ego.role_name}, "ego")
-    people = scenario.walkers
-    walkers: list[Blueprint] = []
-    controller = None
-    if people.count:
-        walkers = choose_blueprints(world, people.filter, people.generation, "walkers")
-        controller = find_blueprint(world, "controller.ai.walker", "walkers")
-    return TrafficKinds(ego, _vehicles(session), walkers, points, controller)
+        The same seed tries the same places.
+        """
+        session = self._session
+        dice = random.Random(session.seed)
+        manager = session.client.get_trafficmanager(_port(session))
+        manager.set_random_device_seed(session.seed)
+        points = list(self._points)
+        dice.shuffle(points)
+        ego = self._spawn_ego(points)
+        vehicles = self._spawn_vehicles(points, dice, stop)
+        return ego, vehicles, self._spawn_walkers(dice, stop)
+
+    def _spawn_ego(self, points: list[Pose]) -> Actor:
+        session, plan = self._session, self._session.scenario.ego
+        chosen = plan.spawn_point
+        places = points if chosen is None else [self._points[chosen]]
+        for place in places:
+            ego = session.world.try_spawn_actor(self._ego, place)
+            if ego is not None:
+                session.own(ego)
+                if plan.autopilot:
+                    _drive(session, ego)
+                _light(session, ego, plan.lights)
+                return ego
+        where = "spawn point" if chosen is None else f"spawn point {chosen}"
+        raise CaptureError(f"ego: no free {where} for {plan.blueprint}")
+
+    def _spawn_vehicles(
+        self, points: list[Pose], dice: random.Random, stop: StopRequest
+    ) -> int:
+        session = self._session
+        plan, count = session.scenario.vehicles, 0
+        for place in points:
+            stop.check()
+            if count == plan.count:
+                break
+            blueprint = dice.choice(self._vehicles)
+            randomise(blueprint, dice)
+            vehicle = session.world.try_spawn_actor(blueprint, place)
+            if vehicle is None:
+                continue
+            session.own(vehicle)
+            _drive(session, vehicle)
+            _light(session, vehicle, plan.lights)
+            if plan.automatic_lights:
+                manager = session.client.get_trafficmanager(_port(session))
+                manager.update_vehicle_lights(vehicle, True)
+            count += 1
+        return count
+
+    def _spawn_walkers(self, dice: random.Random, stop: StopRequest) -> int:
+        session = self._session
+        plan, world = session.scenario.walkers, session.world
+        if not plan.count:
+            return 0
+        seed = session.seed
+        if plan.seed is not None:
+            # Its seed changes in the same way as the scenario's.
+            seed = plan.seed + session.seed - session.scenario.seed
+        world.set_pedestrians_seed(seed)
+        world.set_pedestrians_cross_factor(plan.cross_percent / 100)
+        gaits = (*[0] * plan.standing, *[1] * plan.walking, *[2] * plan.running)
+        count, walking = 0, []
+        for gait in gaits:
+            stop.check()
+            walker = _spawn_walker(session, dice.choice(self._walkers))
+            if walker is None:
+                continue
+            count += 1
+            leader = self._controller if gait else None
+            controller = (
+                None
+                if leader is None  # one without attributes is false
+                else _spawn_controller(session, leader, walker)
+            )
+            if controller is not None:
+                walking.append((controller, _speed(walker, gait)))
+        # Controllers find their walkers only after a tick.
+        session.tick()
+        for controller, speed in walking:
+            stop.check()
+            session.at_end("stop a walker", controller.stop)
+            controller.start()
+            destination = session.world.get_random_location_from_navigation()
+            if destination is not None:
+                controller.go_to_location(destination)
+            controller.set_max_speed(speed)
+        return count
 
 
 def _vehicles(session: CaptureSession) -> list[Blueprint]:
@@ -97,68 +182,6 @@ def _vehicles(session: CaptureSession) -> list[Blueprint]:
     return blueprints
 
 
-def spawn(
-    session: CaptureSession, kinds: TrafficKinds, stop: StopRequest
-) -> tuple[Actor, int, int]:
-    """The ego vehicle, and how many other vehicles and walkers found a free place.
-
-    The same seed tries the same places.
-    """
-    dice = random.Random(session.seed)
-    manager = session.client.get_trafficmanager(_port(session))
-    manager.set_random_device_seed(session.seed)
-    points = list(kinds.spawn_points)
-    chosen = session.scenario.ego.spawn_point
-    dice.shuffle(points)
-    ego = _spawn_ego(session, kinds, points, chosen)
-    count = _spawn_vehicles(session, kinds, (points, dice), stop)
-    return ego, count, _spawn_walkers(session, kinds, dice, stop)
-
-
-def _spawn_ego(
-    session: CaptureSession, kinds: TrafficKinds, points: list[Pose], chosen: int | None
-) -> Actor:
-    plan = session.scenario.ego
-    places = points if chosen is None else [kinds.spawn_points[chosen]]
-    for place in places:
-        ego = session.world.try_spawn_actor(kinds.ego, place)
-        if ego is not None:
-            session.own(ego)
-            if plan.autopilot:
-                _drive(session, ego)
-            _light(session, ego, plan.lights)
-            return ego
-    where = "spawn point" if chosen is None else f"spawn point {chosen}"
-    raise CaptureError(f"ego: no free {where} for {plan.blueprint}")
-
-
-def _spawn_vehicles(
-    session: CaptureSession,
-    kinds: TrafficKinds,
-    places: tuple[list[Pose], random.Random],
-    stop: StopRequest,
-) -> int:
-    points, dice = places
-    plan, count = session.scenario.vehicles, 0
-    for place in points:
-        stop.check()
-        if count == plan.count:
-            break
-        blueprint = dice.choice(kinds.vehicles)
-        randomise(blueprint, dice)
-        vehicle = session.world.try_spawn_actor(blueprint, place)
-        if vehicle is None:
-            continue
-        session.own(vehicle)
-        _drive(session, vehicle)
-        _light(session, vehicle, plan.lights)
-        if plan.automatic_lights:
-            manager = session.client.get_trafficmanager(_port(session))
-            manager.update_vehicle_lights(vehicle, True)
-        count += 1
-    return count
-
-
 def _port(session: CaptureSession) -> int:
     return session.scenario.traffic_manager.port
 
@@ -182,47 +205,6 @@ def light_state(carla: Carla, names: Sequence[str]) -> object:
     flags = carla.VehicleLightState
     bits = reduce(lambda state, name: state | int(getattr(flags, name)), names, 0)
     return flags(bits)
-
-
-def _spawn_walkers(
-    session: CaptureSession, kinds: TrafficKinds, dice: random.Random, stop: StopRequest
-) -> int:
-    plan, world = session.scenario.walkers, session.world
-    if not plan.count:
-        return 0
-    seed = session.seed
-    if plan.seed is not None:
-        # Its seed changes in the same way as the scenario's.
-        seed = plan.seed + session.seed - session.scenario.seed
-    world.set_pedestrians_seed(seed)
-    world.set_pedestrians_cross_factor(plan.cross_percent / 100)
-    gaits = (*[0] * plan.standing, *[1] * plan.walking, *[2] * plan.running)
-    count, walking = 0, []
-    for gait in gaits:
-        stop.check()
-        walker = _spawn_walker(session, dice.choice(kinds.walkers))
-        if walker is None:
-            continue
-        count += 1
-        leader = kinds.controller if gait else None
-        controller = (
-            None
-            if leader is None  # one without attributes is false
-            else _spawn_controller(session, leader, walker)
-        )
-        if controller is not None:
-            walking.append((controller, _speed(walker, gait)))
-    # Controllers find their walkers only after a tick.
-    session.tick()
-    for controller, speed in walking:
-        stop.check()
-        session.at_end("stop a walker", controller.stop)
-        controller.start()
-        destination = session.world.get_random_location_from_navigation()
-        if destination is not None:
-            controller.go_to_location(destination)
-        controller.set_max_speed(speed)
-    return count
 
 
 def _spawn_walker(session: CaptureSession, blueprint: Blueprint) -> Actor | None:

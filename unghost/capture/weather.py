@@ -13,7 +13,7 @@ _DIGITS: Final = 6
 
 
 def weather_numbers(weather: Weather, index: int, frames: int) -> dict[str, float]:
-    """Parameters that a frame sets on top of its preset."""
+    """Parameters that frame `index`, of so many, sets on top of its preset."""
     share = index / (frames - 1) if frames > 1 else 0.0
     swept = {
         name: sweep.first + (sweep.last - sweep.first) * share
@@ -50,15 +50,15 @@ class WeatherPlan:
         carla, weather = self._session.carla, scenario.weather
         preset = preset_of(weather, index)
         presets = carla.WeatherParameters
-        ground = self._before if preset is None else getattr(presets, preset)
-        base = as_numbers(ground)
-        numbers = {**base, **weather_numbers(weather, index, scenario.frames)}
+        base = self._before if preset is None else getattr(presets, preset)
+        changed = weather_numbers(weather, index, scenario.frames)
+        numbers = {**as_numbers(base), **changed}
         if numbers == self._last:
             return False
-        self._session.world.set_weather(parameters(self._session.carla, numbers))
+        self._session.world.set_weather(parameters(carla, numbers))
         self._last = numbers
-        turned, self._preset = self._preset, preset_of(scenario.weather, index)
-        return turned != self._preset
+        previous, self._preset = self._preset, preset
+        return previous != preset
 
 
 def parameters(carla: Carla, numbers: Mapping[str, float]) -> object:

@@ -131,20 +131,20 @@ def doctor(options: DoctorOptions) -> None:
     except ValueError as exc:
         raise typer.BadParameter(f"--audit: {exc}") from exc
     screen = options.screen
-    worst = set()
+    severities = set()
     for finding in examine(
         options.settings, verify=options.verify, steps=screen.progress, audit=audit
     ):
-        worst.add(finding.severity)
+        severities.add(finding.severity)
         screen.record(finding.as_dict())
         screen.text(f"{finding.severity.value:8}{finding.check}: {finding.found}")
         for example in finding.examples:
             screen.text(f"        {example}")
         if finding.todo:
             screen.text(f"        -> {finding.todo}")
-    if Severity.ERROR in worst:
+    if Severity.ERROR in severities:
         raise typer.Exit(REFUSED)
-    if Severity.WARNING in worst:
+    if Severity.WARNING in severities:
         raise typer.Exit(PARTLY)
 
 

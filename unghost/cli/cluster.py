@@ -17,6 +17,8 @@ from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, Refused, refused_on
 if TYPE_CHECKING:
     from distributed import Client
 
+    from app.settings import Settings
+
 Port: TypeAlias = Annotated[
     int, typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535)
 ]
@@ -157,6 +159,20 @@ def scheduler(options: SchedulerOptions) -> None:
         run_scheduler(options.host, options.port, shown, ready)
 
 
+def settings_of_node(engine: str, options: NodeOptions) -> Settings:
+    """The settings with this address of a scheduler, and with the certificates.
+
+    Raises `typer.BadParameter`: the address cannot be used, or another setting.
+    """
+    return settings_of(
+        _OPTION_OF_SETTING,
+        engine=engine,
+        tls_ca=options.ca,
+        tls_cert=options.cert,
+        tls_key=options.key,
+    )
+
+
 @contextmanager
 def connected(engine: str, options: NodeOptions) -> Iterator[Client]:
     """A connection to the scheduler at this address; notes if no worker has joined.
@@ -167,13 +183,7 @@ def connected(engine: str, options: NodeOptions) -> Iterator[Client]:
     from app.engine.chunk import UnusableEngine
     from app.engine.dask import Certificates, prepare, reason_of, security
 
-    settings = settings_of(
-        _OPTION_OF_SETTING,
-        engine=engine,
-        tls_ca=options.ca,
-        tls_cert=options.cert,
-        tls_key=options.key,
-    )
+    settings = settings_of_node(engine, options)
     address = settings.engine
     shown = Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
     with refused_on(UnusableEngine):

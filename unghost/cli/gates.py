@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import eq, ge, gt, le, lt
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple, TypeAlias
+from typing import Annotated, Final, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 import typer
@@ -26,17 +26,7 @@ NAMES: Final = (*OF_FRAMES, "boxes", "kept", "rejected", "unmeasured", "unmapped
 _REPORTS: Final = (".xml", ".md")
 
 
-class Gate(NamedTuple):
-    """A condition that must not hold: ``rejected > 5%``."""
-
-    text: str
-    name: str
-    operator: str
-    limit: float
-    is_percent: bool
-
-
-_Checked: TypeAlias = tuple[Gate, str, bool]
+_Checked: TypeAlias = tuple[str, str, bool]
 """A condition, its figure, and whether it holds, which it must not."""
 
 
@@ -71,7 +61,7 @@ class GateOptions:
                 f"{' or '.join(_REPORTS)}"
             )
         for text in self.fail_if or ():
-            _gate(text)
+            _condition(text)
 
     def check(self, counts: Mapping[str, int], screen: Screen, title: str) -> None:
         """Print each condition with its figure, and write the report.
@@ -80,19 +70,22 @@ class GateOptions:
         report what was looked at. Ends the command with code 4 if a condition holds.
         """
         checked = []
-        for gate in map(_gate, self.fail_if or ()):
-            count = counts[gate.name]
-            whole_name = "frames" if gate.name in OF_FRAMES else "boxes"
+        for text in self.fail_if or ():
+            condition = _condition(text)
+            name, gate = condition["name"], text.strip()
+            count = counts[name]
+            whole_name = "frames" if name in OF_FRAMES else "boxes"
             whole = counts[whole_name]
             percent = 100 * count / whole if whole else 0.0
             value, figure = float(count), f"{count:,}"
-            if gate.is_percent:
+            if condition["percent"]:
                 value = percent
                 figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
-            has_failed = _OPERATORS[gate.operator](value, gate.limit)
+            holds = _OPERATORS[condition["operator"]]
+            has_failed = holds(value, float(condition["limit"]))
             checked.append((gate, figure, has_failed))
             result = "failed" if has_failed else "passed"
-            screen.note(f"gate {result}: {gate.text}, it is {figure}")
+            screen.note(f"gate {result}: {gate}, it is {figure}")
         if self.gate_report is not None:
             as_text = _junit if self.gate_report.suffix == ".xml" else _markdown
             self.gate_report.write_text(as_text(title, checked), "utf-8")
@@ -100,7 +93,8 @@ class GateOptions:
             raise typer.Exit(GATE)
 
 
-def _gate(text: str) -> Gate:
+def _condition(text: str) -> re.Match[str]:
+    """The parts of a condition, by the names of its groups: ``rejected > 5%``."""
     condition = _CONDITION.fullmatch(text)
     if condition is None:
         raise typer.BadParameter(
@@ -115,8 +109,7 @@ def _gate(text: str) -> Gate:
         raise typer.BadParameter(
             f"--fail-if: expected one of {', '.join(NAMES)}, found {name!r}{hint}"
         )
-    limit, is_percent = float(condition["limit"]), bool(condition["percent"])
-    return Gate(text.strip(), name, condition["operator"], limit, is_percent)
+    return condition
 
 
 def _junit(title: str, checked: Sequence[_Checked]) -> str:
@@ -127,16 +120,16 @@ def _junit(title: str, checked: Sequence[_Checked]) -> str:
         f"failures={quoteattr(str(failures))}>",
     ]
     for gate, figure, has_failed in checked:
-        message = quoteattr(f"{gate.text}: it is {figure}")
+        message = quoteattr(f"{gate}: it is {figure}")
         inner = f"<failure message={message}/>" if has_failed else ""
-        name = quoteattr(f"not {gate.text}")
+        name = quoteattr(f"not {gate}")
         lines.append(f'  <testcase classname="unghost" name={name}>{inner}</testcase>')
     return "\n".join([*lines, "</testsuite>", ""])
 
 
 def _markdown(title: str, checked: Sequence[_Checked]) -> str:
     rows = [
-        f"| `{gate.text}` | {figure} | {'failed' if has_failed else 'passed'} |"
+        f"| `{gate}` | {figure} | {'failed' if has_failed else 'passed'} |"
         for gate, figure, has_failed in checked
     ]
     head = [f"### {title}", "", "| must not hold | it is | gate |", "|---|---|---|"]

@@ -328,6 +328,14 @@ class WithSource(Protocol):
         """What the command reads."""
 
     @property
+    def layout(self) -> str:
+        """Its layout; ``auto``: the one that is recognised."""
+
+    @property
+    def recording(self) -> Path | None:
+        """The file that describes it, if one was named."""
+
+    @property
     def screen(self) -> Screen:
         """Where its output goes."""
 
@@ -336,19 +344,37 @@ OptionsT = TypeVar("OptionsT", bound=WithSource)
 
 
 def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], None]:
-    """The command, which gets the unpacked folder where its source is an archive."""
+    """The command, which gets the unpacked folder where its source is an archive.
+
+    Of a folder that is no recording and has nothing but one folder, it gets that.
+    """
 
     @wraps(command)
     def run(options: OptionsT) -> None:
         from unghost.cli.archives import is_archive, unpacked
 
         if not is_archive(options.source):
-            command(options)
+            command(replace(options, source=_entered(options)))
             return
         with unpacked(options.source, options.screen) as folder:
             command(replace(options, source=folder))
 
     return run
+
+
+def _entered(options: WithSource) -> Path:
+    """The source, or the one folder in it if only that can be a recording."""
+    from filter_core.formats.reading import is_hidden
+    from filter_core.formats.registry import possible_layouts
+
+    source = options.source
+    if not source.is_dir():
+        return source
+    top = [path for path in source.iterdir() if not is_hidden(path.name)]
+    is_wrapped = len(top) == 1 and top[0].is_dir() and not top[0].is_symlink()
+    if not is_wrapped or options.layout != "auto" or options.recording:
+        return source
+    return source if possible_layouts(source) else top[0]
 
 
 def open_source(path: Path, layout: str, description: RecordingDescription) -> FrameSet:

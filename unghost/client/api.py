@@ -28,7 +28,7 @@ from unghost.client.call import (
     body_of,
     content,
     endpoint,
-    got,
+    fetched,
     listing,
     nothing,
     posted,
@@ -109,7 +109,7 @@ class Api:
     @endpoint
     def dataset(self, name: str) -> Call[wire.Dataset]:
         """One dataset."""
-        return got(wire.Dataset, dataset_path(name))
+        return fetched(wire.Dataset, dataset_path(name))
 
     @endpoint
     def create_dataset(
@@ -166,22 +166,22 @@ class Api:
     @endpoint
     def stats(self, dataset: str) -> Call[wire.Stats]:
         """Counts of boxes by verdict, reason, class and answer."""
-        return got(wire.Stats, dataset_path(dataset, "stats"))
+        return fetched(wire.Stats, dataset_path(dataset, "stats"))
 
     @endpoint
     def report(self, dataset: str) -> Call[wire.Report]:
         """Where the ghosts are: by distance, and the frames with the most of them."""
-        return got(wire.Report, dataset_path(dataset, "report"))
+        return fetched(wire.Report, dataset_path(dataset, "report"))
 
     @endpoint
     def coached(self, dataset: str) -> Call[wire.Coached]:
         """The boxes by which the caller learns to answer; their truth is known."""
-        return got(wire.Coached, dataset_path(dataset, "coached"))
+        return fetched(wire.Coached, dataset_path(dataset, "coached"))
 
     @endpoint
     def histogram(self, dataset: str, *, bins: int = 50) -> Call[wire.Histogram]:
         """Boxes per bin of match percent, for each class."""
-        return got(wire.Histogram, dataset_path(dataset, "histogram"), bins=bins)
+        return fetched(wire.Histogram, dataset_path(dataset, "histogram"), bins=bins)
 
     @endpoint
     def preview(
@@ -237,12 +237,12 @@ class Api:
     @endpoint
     def frame(self, frame_id: int) -> Call[wire.Frame]:
         """One frame with its boxes."""
-        return got(wire.Frame, f"{API}/frames/{frame_id}")
+        return fetched(wire.Frame, f"{API}/frames/{frame_id}")
 
     @endpoint
     def frame_by_key(self, dataset: str, key: str) -> Call[wire.Frame]:
         """One frame with its boxes, by the key it was stored under."""
-        return got(wire.Frame, frame_path(dataset, key))
+        return fetched(wire.Frame, frame_path(dataset, key))
 
     @endpoint
     def delete_frame(self, dataset: str, key: str) -> Call[None]:
@@ -319,22 +319,22 @@ class Api:
     @endpoint
     def box(self, box_id: int) -> Call[wire.Box]:
         """One box with its decision and its neighbours."""
-        return got(wire.Box, f"{API}/boxes/{box_id}")
+        return fetched(wire.Box, f"{API}/boxes/{box_id}")
 
     @endpoint
     def alike(self, box_id: int) -> Call[wire.Alike]:
         """Boxes without an answer of the same class, reason, cause, hider and band."""
-        return got(wire.Alike, f"{API}/boxes/{box_id}/alike")
+        return fetched(wire.Alike, f"{API}/boxes/{box_id}/alike")
 
     @endpoint
     def track(self, box_id: int) -> Call[wire.Track]:
         """The same object in the frames of its recording before and after."""
-        return got(wire.Track, f"{API}/boxes/{box_id}/track")
+        return fetched(wire.Track, f"{API}/boxes/{box_id}/track")
 
     @endpoint
     def depth_slice(self, box_id: int) -> Call[wire.DepthSlice]:
         """Where a box and the pixels in it are on the axis of depth."""
-        return got(wire.DepthSlice, f"{API}/boxes/{box_id}/slice")
+        return fetched(wire.DepthSlice, f"{API}/boxes/{box_id}/slice")
 
     @listing
     def history(self, box_id: int) -> Listing[wire.HistoryEntry]:
@@ -451,12 +451,12 @@ class Api:
     @endpoint
     def config(self, digest: str) -> Call[wire.ConfigVersion]:
         """One version by its digest."""
-        return got(wire.ConfigVersion, f"{API}/configs/{quote(digest, safe='')}")
+        return fetched(wire.ConfigVersion, f"{API}/configs/{quote(digest, safe='')}")
 
     @endpoint
     def active_config(self, dataset: str) -> Call[wire.ConfigVersion]:
         """The version in force."""
-        return got(wire.ConfigVersion, dataset_path(dataset, "config"))
+        return fetched(wire.ConfigVersion, dataset_path(dataset, "config"))
 
     @endpoint
     def set_config(
@@ -521,7 +521,7 @@ class Api:
     @endpoint
     def run(self, run_id: int) -> Call[wire.Run]:
         """One run as it is now."""
-        return got(wire.Run, run_path(run_id))
+        return fetched(wire.Run, run_path(run_id))
 
     @endpoint
     def cancel(self, run: wire.Run | int) -> Call[wire.Run]:
@@ -536,7 +536,7 @@ class Api:
 
         The default of the other run is the one that was active before it.
         """
-        return got(wire.Diff, f"{run_path(run)}/diff", **_against(against), limit=1)
+        return fetched(wire.Diff, f"{run_path(run)}/diff", **_against(against), limit=1)
 
     @listing
     def flips(
@@ -586,7 +586,7 @@ class Api:
 
         Without shares, those that the frames have.
         """
-        return got(wire.Parts, dataset_path(dataset, "parts"), split=split)
+        return fetched(wire.Parts, dataset_path(dataset, "parts"), split=split)
 
     @endpoint
     def cancel_export(self, export: wire.Export | int) -> Call[wire.Export]:
@@ -601,14 +601,14 @@ class Api:
     @endpoint
     def export(self, export_id: int) -> Call[wire.Export]:
         """One export as it is now."""
-        return got(wire.Export, export_path(export_id))
+        return fetched(wire.Export, export_path(export_id))
 
     # Sessions, tokens, login codes, and the log of who did what.
 
     @endpoint
     def session(self) -> Call[wire.Session]:
         """The name and the role of this client's token."""
-        return got(wire.Session, f"{API}/session")
+        return fetched(wire.Session, f"{API}/session")
 
     @listing
     def tokens(self) -> Listing[wire.Token]:
@@ -653,7 +653,7 @@ class Api:
     @endpoint
     def login_code(self, code_id: int) -> Call[wire.LoginCode]:
         """Whether a login code of yours was used."""
-        return got(wire.LoginCode, f"{API}/login-codes/{code_id}")
+        return fetched(wire.LoginCode, f"{API}/login-codes/{code_id}")
 
     @listing
     def audit(self) -> Listing[wire.AuditEntry]:
@@ -717,7 +717,7 @@ class Api:
         best F1 or, with `target="recall"`, are the highest that reach `recall`.
         """
         path = dataset_path(dataset, "quality")
-        return got(wire.Quality, path, target=target, truth=truth, recall=recall)
+        return fetched(wire.Quality, path, target=target, truth=truth, recall=recall)
 
     @endpoint
     def evaluate(self, dataset: str) -> Call[wire.Run]:
@@ -733,7 +733,7 @@ class Api:
     ) -> Call[wire.Evaluation]:
         """Precision, recall and F1 of every channel that was measured so far."""
         path = dataset_path(dataset, "evaluations")
-        return got(wire.Evaluation, path, truth=truth)
+        return fetched(wire.Evaluation, path, truth=truth)
 
     @endpoint
     def set_experiment(
@@ -746,14 +746,14 @@ class Api:
     @endpoint
     def experiment(self, dataset: str) -> Call[wire.Experiment]:
         """The report that is kept with a dataset; `NotFound` if there is none."""
-        return got(wire.Experiment, dataset_path(dataset, "experiment"))
+        return fetched(wire.Experiment, dataset_path(dataset, "experiment"))
 
     # The server itself.
 
     @endpoint
     def version(self) -> Call[wire.Version]:
         """The program's version."""
-        return got(wire.Version, "/version")
+        return fetched(wire.Version, "/version")
 
 
 def _changed_dataset(response: httpx.Response) -> wire.Dataset | wire.Run:

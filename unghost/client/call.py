@@ -100,12 +100,8 @@ class Call(Generic[T]):
             )
 
 
-@dataclass(frozen=True)
-class ListPage(Generic[T]):
-    """One page of a list. Items are read lazily; the last page has no cursor."""
-
-    items: Iterator[T]
-    next_cursor: str | None
+Page: TypeAlias = tuple[Iterator[T], str | None]
+"""Items of a list, read lazily, and the cursor of the next page; None: the last one."""
 
 
 @dataclass(frozen=True)
@@ -116,20 +112,20 @@ class Listing(Generic[T]):
     item: JsonReader[T]
     params: Params = field(default_factory=dict)
 
-    def page(self, cursor: str | None = None) -> Call[ListPage[T]]:
+    def page(self, cursor: str | None = None) -> Call[Page[T]]:
         """The call for the first page, or for the page that the cursor names."""
         params = {"limit": PAGE_SIZE, **self.params}
         if cursor is not None:
             params["cursor"] = cursor
         return Call("GET", self.path, self._page, params=params)
 
-    def _page(self, response: httpx.Response) -> ListPage[T]:
+    def _page(self, response: httpx.Response) -> Page[T]:
         page = body_of(response)
         items = page.get("items")
         if not isinstance(items, list):
             raise unexpected(response, "has no items")
         read = (read_object(self.item.read, item, response) for item in items)
-        return ListPage(read, page.get("next_cursor"))
+        return read, page.get("next_cursor")
 
 
 class Sender(Protocol):
@@ -207,7 +203,7 @@ else:
     listing = passed_to("_pages", r"Listing\[", "Iterator[")
 
 
-def got(kind: JsonReader[T], path: str, **params: object) -> Call[T]:
+def fetched(kind: JsonReader[T], path: str, **params: object) -> Call[T]:
     """A call that fetches an object of a class; `params` are those of the query."""
     return Call("GET", path, result(kind), params=params)
 

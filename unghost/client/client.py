@@ -126,10 +126,16 @@ class Client(Api, JobMethods):
                 print(outcome.key, outcome.word)
         """
         # Imported here, because most programs only read and never push.
-        from unghost.client.push import Upload
+        from unghost.client.push import upload
 
-        upload = Upload(self._transport, dataset_path(dataset), replace, connections)
-        with closing(upload.send(frames)) as outcomes:
+        sent = upload(
+            self._transport,
+            dataset_path(dataset),
+            frames,
+            replace=replace,
+            connections=connections,
+        )
+        with closing(sent) as outcomes:
             for number, outcome in enumerate(outcomes, start=1):
                 if progress is not None:
                     progress(number)
@@ -145,9 +151,8 @@ class Client(Api, JobMethods):
         """Every item of a list; a page is fetched when its first item is needed."""
         cursor: str | None = None
         while True:
-            page = self._send(listing.page(cursor))
-            yield from page.items
-            cursor = page.next_cursor
+            items, cursor = self._send(listing.page(cursor))
+            yield from items
             if cursor is None:
                 return
 
@@ -253,9 +258,8 @@ class AsyncClient(Api):
     async def _pages(self, listing: Listing[T]) -> AsyncIterator[T]:
         cursor: str | None = None
         while True:
-            page = await self._send(listing.page(cursor))
-            for item in page.items:
+            items, cursor = await self._send(listing.page(cursor))
+            for item in items:
                 yield item
-            cursor = page.next_cursor
             if cursor is None:
                 return

@@ -34,28 +34,22 @@ DEFAULT_DATA: Final = Path("unghost-data")
 
 _ROOT: Final = 0
 
-_MAX_TOKEN: Final = 65_536
-"""Characters that are read of a file of tokens; one has fewer than a hundred."""
-
-
-@dataclass(frozen=True)
-class TokenFile:
-    """Where a token was found, and the user whose file it is."""
-
-    path: Path
-    owner: int
+_MOST_READ: Final = 65_536
+"""Characters that are read of a file; a token has fewer than a hundred."""
 
 
 @dataclass(frozen=True)
 class Server:
     """A server's address, and the token for it (None: none was found).
 
-    `token_file` is where the token was found; None if it was given.
+    `token_file` is where the token was found, and `owner` the user whose file it is;
+    None if the token was given.
     """
 
     url: str
     token: str | None
-    token_file: TokenFile | None = None
+    token_file: Path | None = None
+    owner: int | None = None
 
 
 class BadServerUrl(ValueError):
@@ -129,7 +123,7 @@ class StoredServers:
 def stored_servers(environ: Mapping[str, str]) -> StoredServers:
     """The servers that this user has stored; none if the file is another user's."""
     file = _stored_file(environ)
-    text, owner = _small_text(file)
+    text, owner = _text_and_owner(file)
     try:
         stored = json.loads(text) if text and owner in (_caller(), None) else {}
         tokens = {str(url): str(token) for url, token in stored["servers"].items()}
@@ -166,13 +160,13 @@ def refuse_foreign(server: Server) -> None:
     if file is None and (server.token or not is_local(parsed.host)):
         return
     port = parsed.port or DEFAULT_PORT[parsed.scheme]
-    owner = _caller() if file is None else file.owner
+    owner = _caller() if file is None else server.owner
     foreign = listening_uids(parsed.host, port) - {owner, _ROOT}
     if not foreign:
         return
     why = "this is neither you nor root: nothing was sent"
     if file is not None:
-        why = f"{file.path} belongs to user {file.owner}: its token was not sent"
+        why = f"{file} belongs to user {owner}: its token was not sent"
     raise ForeignServer(
         f"user {min(foreign)} listens at {server.url}, but {why}. If this is your "
         "server, give the token as UNGHOST_TOKEN; if not, start yours again, on "
@@ -210,18 +204,18 @@ def _checked(url: str) -> str:
 def _local_server(url: str, env: Mapping[str, str]) -> Server:
     if not is_local(httpx.URL(url).host):
         return Server(url, None)
-    variable, caller = env.get("UNGHOST_DATA"), _caller()
-    named = [
-        Path(variable, "token") if variable else None,
-        _noted_token_file(note_path(url, env)),
-    ]
+    caller, files = _caller(), list[Path]()
+    if folder := env.get("UNGHOST_DATA"):
+        files.append(Path(folder, "token"))
+    if noted := _noted_token_file(note_path(url, env)):
+        files.append(noted)
     # Only a guess: the server may have been started with another folder.
     guess = DEFAULT_DATA / "token"
-    for file in dict.fromkeys([*filter(None, named), guess]):
-        token, owner = _small_text(file)
+    for file in dict.fromkeys([*files, guess]):
+        token, owner = _text_and_owner(file)
         is_ours = caller is None or owner in (caller, _ROOT)
-        if token and (is_ours or (caller == _ROOT and file in named)):
-            return Server(url, token, TokenFile(file, owner))
+        if token and (is_ours or (caller == _ROOT and file in files)):
+            return Server(url, token, file, owner)
         if token:
             warnings.warn(
                 f"ignored: {file} belongs to user {owner}; if it is the token of your "
@@ -240,8 +234,9 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
     running = []
     for file in sorted(state_folder(environ).glob("servers/*.json")):
         try:
-            noted = json.loads(_small_text(file)[0])
-            url, pid = noted["url"], noted["pid"]
+            text, _ = _text_and_owner(file)
+            note = json.loads(text)
+            url, pid = note["url"], note["pid"]
             if os.name == "posix":  # elsewhere this would end the process
                 os.kill(pid, 0)
         except PermissionError:  # it runs, as another user
@@ -253,18 +248,18 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
     return running
 
 
-def _small_text(file: Path) -> tuple[str, int]:
-    """The text of a small file, and the file's owner; empty if it cannot be read."""
-    # Absent, or another person's: then it is not for us. Not to wait for a pipe.
+def _text_and_owner(file: Path) -> tuple[str, int]:
+    """The text of a small file, and the user who owns it; "" if it cannot be read."""
+    # Reading a pipe would wait for its writer.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(file, flags), encoding="utf-8") as opened:
             status = os.fstat(opened.fileno())
             is_file = stat.S_ISREG(status.st_mode)
-            token = opened.read(_MAX_TOKEN).strip() if is_file else ""
+            text = opened.read(_MOST_READ).strip() if is_file else ""
     except (OSError, UnicodeDecodeError):
         return "", _ROOT
-    return token, status.st_uid
+    return text, status.st_uid
 
 
 def is_local(host: str) -> bool:
@@ -279,7 +274,8 @@ def is_local(host: str) -> bool:
 
 def _noted_token_file(note: Path) -> Path | None:
     try:
-        return Path(json.loads(_small_text(note)[0])["token_file"])
+        text, _ = _text_and_owner(note)
+        return Path(json.loads(text)["token_file"])
     except (ValueError, LookupError, TypeError):
         return None
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Final, TypeAlias
@@ -45,57 +44,92 @@ _LISTEN_S: Final = 0.5
 Batch: TypeAlias = Sequence[PackedFrame]
 
 
-@dataclass(frozen=True)
-class Upload:
-    """Sends frames to one dataset, on several connections at once.
+def upload(
+    transport: Transport,
+    path: str,
+    frames: Iterable[OutgoingFrame | NotSent],
+    *,
+    replace: bool,
+    connections: int,
+) -> Generator[Outcome, None, None]:
+    """Send frames; yields outcomes as soon as they are known, in any order.
 
     `path` is the dataset's. `replace` makes changed frames new revisions instead of
     conflicts.
+
+    Frames that the server already has are not sent. Frames that could not be read
+    (`NotSent`) are passed on. `frames` is consumed no faster than frames are sent,
+    so memory does not grow. If the caller stops early, no more frames are sent.
+    Errors that concern all frames (no access, no such dataset, no server) are
+    raised; an error of one frame is its outcome.
     """
-
-    transport: Transport
-    path: str
-    replace: bool = False
-    connections: int = 2
-
-    def send(
-        self, frames: Iterable[OutgoingFrame | NotSent]
-    ) -> Generator[Outcome, None, None]:
-        """Send frames; yields outcomes as soon as they are known, in any order.
-
-        Frames that the server already has are not sent. Frames that could not be read
-        (`NotSent`) are passed on. `frames` is consumed no faster than frames are sent,
-        so memory does not grow. If the caller stops early, no more frames are sent.
-        Errors that concern all frames (no access, no such dataset, no server) are
-        raised; an error of one frame is its outcome.
-        """
-        there = 0
-        try:
-            for outcome in self._outcomes(frames):
+    there = 0
+    try:
+        with _Senders(transport, path, replace, connections) as senders:
+            for outcome in senders.outcomes_of(frames):
                 there += not isinstance(outcome, NotSent)
                 yield outcome
-        except errors.Unavailable as error:
-            error.extend(
-                f"{there:,} frames are stored, and pushing the same frames again sends "
-                "only the others"
-            )
-            raise
+    except errors.Unavailable as error:
+        error.extend(
+            f"{there:,} frames are stored, and pushing the same frames again sends "
+            "only the others"
+        )
+        raise
 
-    def _outcomes(
+
+def _digest(frame: OutgoingFrame) -> str | NotSent:
+    try:
+        return frame.digest()
+    except (OSError, ValueError) as error:
+        return NotSent(frame.key, error)
+
+
+class _Senders:
+    """Threads with a connection each, which send the frames that the server lacks."""
+
+    def __init__(
+        self, transport: Transport, path: str, replace: bool, connections: int
+    ) -> None:
+        self._transport, self._path, self._replace = transport, path, replace
+        self._connections = connections
+        self._finished: SimpleQueue[Outcome | Future[None]] = SimpleQueue()
+        self._pool = ThreadPoolExecutor(connections, "upload")
+        self._of_thread = threading.local()
+        self._all: list[BatchSender] = []
+        self._stopped = threading.Event()
+        self._under_way = 0
+        # A proxy would buffer the response to a batch.
+        self._singly = transport.behind_proxy
+
+    def __enter__(self) -> _Senders:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stopped.set()
+        for sender in tuple(self._all):
+            sender.close()
+        self._pool.shutdown(cancel_futures=True)
+
+    def outcomes_of(
         self, frames: Iterable[OutgoingFrame | NotSent]
-    ) -> Generator[Outcome, None, None]:
-        with _Senders(self) as senders:
-            try:
-                for batch in _batches(self._packed(frames)):
-                    if isinstance(batch, AlreadyThere | NotSent):
-                        yield batch
-                    else:
-                        senders.submit(batch)
-                    yield from senders.outcomes(self.connections)
-                yield from senders.outcomes(0)
-            except errors.Unavailable:
-                yield from senders.reported()
-                raise
+    ) -> Iterator[Outcome]:
+        """Send frames in batches, but those that are stored; yields all outcomes."""
+        try:
+            for batch in _batches(self._packed(frames)):
+                if isinstance(batch, AlreadyThere | NotSent):
+                    yield batch
+                else:
+                    self._under_way += 1
+                    sending = self._pool.submit(self._send, batch)
+                    sending.add_done_callback(self._finished.put)
+                yield from self._outcomes(self._connections)
+            yield from self._outcomes(0)
+        except errors.Unavailable:
+            while not self._finished.empty():  # known when another batch has failed
+                finished = self._finished.get()
+                if not isinstance(finished, Future):
+                    yield finished
+            raise
 
     def _packed(
         self, frames: Iterable[OutgoingFrame | NotSent]
@@ -127,7 +161,7 @@ class Upload:
             for frame in frames
             if isinstance(frame, OutgoingFrame) and is_text(frame.key)
         ]
-        stored = self.transport.send(known_frames(self.path, keys)) if keys else {}
+        stored = self._transport.send(known_frames(self._path, keys)) if keys else {}
         compared = (
             frame
             for frame in frames
@@ -148,43 +182,7 @@ class Upload:
             else:
                 yield frame
 
-
-def _digest(frame: OutgoingFrame) -> str | NotSent:
-    try:
-        return frame.digest()
-    except (OSError, ValueError) as error:
-        return NotSent(frame.key, error)
-
-
-class _Senders:
-    """Threads with a connection each, and the outcomes of the frames that they send."""
-
-    def __init__(self, upload: Upload) -> None:
-        self._upload = upload
-        self._finished: SimpleQueue[Outcome | Future[None]] = SimpleQueue()
-        self._pool = ThreadPoolExecutor(upload.connections, "upload")
-        self._of_thread = threading.local()
-        self._all: list[BatchSender] = []
-        self._stopped = threading.Event()
-        self._under_way = 0
-        # A proxy would buffer the response to a batch.
-        self._singly = upload.transport.behind_proxy
-
-    def __enter__(self) -> _Senders:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stopped.set()
-        for sender in tuple(self._all):
-            sender.close()
-        self._pool.shutdown(cancel_futures=True)
-
-    def submit(self, batch: Batch) -> None:
-        """Queue a batch, which is sent as soon as a connection is free."""
-        self._under_way += 1
-        self._pool.submit(self._send, batch).add_done_callback(self._finished.put)
-
-    def outcomes(self, most: int) -> Iterator[Outcome]:
+    def _outcomes(self, most: int) -> Iterator[Outcome]:
         """Outcomes so far; waits until at most so many batches are being sent."""
         while self._under_way > most or not self._finished.empty():
             try:
@@ -196,13 +194,6 @@ class _Senders:
                 self._under_way -= 1
                 finished.result()
             else:
-                yield finished
-
-    def reported(self) -> Iterator[Outcome]:
-        """Outcomes that are known when another batch has failed."""
-        while not self._finished.empty():
-            finished = self._finished.get()
-            if not isinstance(finished, Future):
                 yield finished
 
     def _send(self, batch: Batch) -> None:
@@ -220,10 +211,9 @@ class _Senders:
 
     def _put(self, frame: OutgoingFrame) -> Outcome:
         """One request for one frame."""
-        upload = self._upload
         try:
-            call = frame_stored(upload.path, frame, replace=upload.replace)
-            stored = upload.transport.send(call)
+            call = frame_stored(self._path, frame, replace=self._replace)
+            stored = self._transport.send(call)
         except (errors.ApiError, OSError, ValueError) as error:
             if _concerns_all(error):
                 raise
@@ -243,16 +233,15 @@ class _Senders:
         if hasattr(self._of_thread, "sender"):
             existing: BatchSender = self._of_thread.sender
             return existing
-        upload = self._upload
-        params = {"replace": upload.replace or None}
-        endpoint = upload.transport.endpoint(f"{upload.path}/batches", params)
-        sender = BatchSender(endpoint, upload.transport.retry, self._wait)
+        params = {"replace": self._replace or None}
+        endpoint = self._transport.endpoint(f"{self._path}/batches", params)
+        sender = BatchSender(endpoint, self._transport.retry, self._wait)
         self._of_thread.sender = sender
         self._all.append(sender)
         return sender
 
     def _wait(self, seconds: float) -> bool:
-        return not self._stopped.wait(seconds) and not self._upload.transport.closed
+        return not self._stopped.wait(seconds) and not self._transport.closed
 
 
 def _batches(

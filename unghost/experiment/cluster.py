@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -50,59 +49,61 @@ class _Task(NamedTuple):
         return f"arm {self.arm}, seed {self.seed}"
 
 
-@dataclass(frozen=True)
-class ClusterTrials:
-    """Runs trials on the workers of a scheduler.
+def tasks_of(
+    experiment: Experiment,
+    trials: Iterable[tuple[str, int]],
+    trainer: str,
+    parallel: int,
+) -> list[_Task]:
+    """The tasks of trials, by arm and seed.
 
     Each worker calls `trainer_command` with `trainer`; `parallel` are the workers of
-    one machine, which share its cores. `note` gets a sentence about each worker that
-    was lost; its trial is begun again.
+    one machine, which share its cores.
     """
+    common = experiment.folder.resolve(), _digest(experiment), trainer, parallel
+    return [_Task(*common, arm, seed) for arm, seed in trials]
 
-    client: Client
-    experiment: Experiment
-    trainer: str
-    parallel: int
-    note: Callable[[str], None]
 
-    def run(self, trials: Sequence[tuple[str, int]]) -> Iterator[None]:
-        """Run trials, by arm and seed; yields once for each that is finished.
+def run_on_workers(
+    client: Client, tasks: Iterable[_Task], note: Callable[[str], None]
+) -> Iterator[None]:
+    """Run trials on the workers of a scheduler; yields once for each that is finished.
 
-        Raises `TrialError`: a trial failed, a worker does not see the folder, or the
-        scheduler was lost. Trials that have not ended are cancelled.
-        """
-        folder, digest = self.experiment.folder.resolve(), _digest(self.experiment)
-        common = folder, digest, self.trainer, self.parallel
-        waiting = deque(_Task(*common, *trial) for trial in trials)
-        lost = Counter[_Task]()
-        executor = self.client.get_executor(pure=False)
-        running: dict[Future[None], _Task] = {}
-        try:
-            while waiting or running:
-                # Not more than workers: one that ends takes only one trial with it.
-                while waiting and len(running) < max(1, self._workers()):
-                    task = waiting.popleft()
-                    sent = executor.submit(_run, task, priority=_AFTER_RUNS)
-                    running[sent] = task
-                for future in wait(running, _LOOK_EVERY_S, FIRST_COMPLETED).done:
-                    task = running.pop(future)
-                    if _has_ended(future, task):
-                        yield
-                        continue
-                    lost[task] += 1
-                    if lost[task] == _MOST_LOST:
-                        raise TrialError(f"{task}: {_MOST_LOST} workers ended in it")
-                    self.note(f"{task}: its worker was lost; another one trains it")
-                    waiting.append(task)
-        finally:
-            for future in running:
-                future.cancel()
+    `note` gets a sentence about each worker that was lost; its trial is begun again.
 
-    def _workers(self) -> int:
-        try:
-            return len(self.client.nthreads(callback_timeout=_ANSWER_S))
-        except Exception:  # the connection was lost: the trials that run will say so
-            return 0
+    Raises `TrialError`: a trial failed, a worker does not see the folder, or the
+    scheduler was lost. Trials that have not ended are cancelled.
+    """
+    waiting, lost = deque(tasks), Counter[_Task]()
+    executor = client.get_executor(pure=False)
+    running: dict[Future[None], _Task] = {}
+    try:
+        while waiting or running:
+            # Not more than workers: one that ends takes only one trial with it.
+            while waiting and len(running) < max(1, _workers(client)):
+                task = waiting.popleft()
+                sent = executor.submit(_run, task, priority=_AFTER_RUNS)
+                running[sent] = task
+            for future in wait(running, _LOOK_EVERY_S, FIRST_COMPLETED).done:
+                task = running.pop(future)
+                if _has_ended(future, task):
+                    yield
+                    continue
+                lost[task] += 1
+                if lost[task] == _MOST_LOST:
+                    raise TrialError(f"{task}: {_MOST_LOST} workers ended in it")
+                note(f"{task}: its worker was lost; another one trains it")
+                waiting.append(task)
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _workers(client: Client) -> int:
+    try:
+        return len(client.nthreads(callback_timeout=_ANSWER_S))
+    except Exception:  # the connection was lost: the trials that run will say so
+        return 0
 
 
 def _has_ended(future: Future[None], task: _Task) -> bool:

@@ -223,8 +223,16 @@ def never_null(schema: JsonDict) -> None:
 
 def _of_an_answer(schema: JsonDict) -> None:
     _answered(schema)
-    always = "type title status detail instance code request_id errors"
-    schema["required"] = list(always.split())
+    schema["required"] = [
+        "type",
+        "title",
+        "status",
+        "detail",
+        "instance",
+        "code",
+        "request_id",
+        "errors",
+    ]
 
 
 class Problem(SparseModel):

@@ -75,7 +75,7 @@ EdgeKind: TypeAlias = Literal["2d", "3d"]
 """How a picture outlines boxes."""
 
 # Folders
-_Both: TypeAlias = Literal[
+_LabelFormat: TypeAlias = Literal[
     "yolo",
     "coco",
     "kitti",
@@ -85,8 +85,10 @@ _Both: TypeAlias = Literal[
     "manifest",
     "decisions-jsonl",
 ]
-"""Formats that are read and written."""
-FolderLayout: TypeAlias = Literal[_Both, "carlasimu", "nuscenes", "table", "pairs"]
+"""The formats of labels that are both read and written."""
+FolderLayout: TypeAlias = Literal[
+    _LabelFormat, "carlasimu", "nuscenes", "table", "pairs"
+]
 """The formats that a folder of frames can be read in."""
 Layout: TypeAlias = Literal["auto", FolderLayout]
 """The format to read a folder in; `auto`: the one that its files show."""
@@ -113,7 +115,7 @@ FINISHED: Final[frozenset[JobState]] = frozenset(get_args(FinishedState))
 RunKind: TypeAlias = Literal["decide", "measure"]
 """Whether a run decides by stored numbers, or measures pixels first."""
 ExportFormat: TypeAlias = Literal[
-    _Both, "decisions-csv", "decisions-parquet", "carlasimu"
+    _LabelFormat, "decisions-csv", "decisions-parquet", "carlasimu"
 ]
 """What an export can be written as."""
 ConvertFormat: TypeAlias = Literal[ExportFormat, "same"]

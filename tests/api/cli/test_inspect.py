@@ -51,6 +51,36 @@ def test_inspect_writes_a_description_that_filter_carries_out(bare_unghost, tmp_
     assert elsewhere.read_text() == written.read_text()
 
 
+WRAPPED_YOLO = {
+    "town/data.yaml": "names: [car]\n",
+    "town/images/1.png": None,
+    "town/labels/1.txt": "0 0.5 0.5 0.1 0.2\n",
+}
+
+
+def test_folder_around_the_one_folder_of_a_recording_is_entered(bare_unghost, tmp_path):
+    outer = write_files(tmp_path / "download", {**WRAPPED_YOLO, ".hidden": ""})
+    beside = write_files(tmp_path / "two", {**WRAPPED_YOLO, "other/a.txt": ""})
+
+    inspected = bare_unghost("inspect", outer, "--json")
+    converted = bare_unghost("convert", outer, "--to", "kitti", "-o", tmp_path / "out")
+    ambiguous = bare_unghost("inspect", beside, "--json")
+
+    (record,) = inspected.records
+    assert (record["layout"], record["frames"]) == ("yolo", 1), inspected.err
+    assert converted.code == DONE, converted.err
+    assert (tmp_path / "out/training/label_2/000000.txt").exists()
+    assert ambiguous.records[0]["layout"] is None
+
+
+def test_folder_that_is_read_itself_is_not_entered(bare_unghost, tmp_path):
+    outer = write_files(tmp_path / "download", {"town/1.png": None})
+
+    result = bare_unghost("filter", outer)
+
+    assert [record["key"] for record in result.records] == ["town/1"]
+
+
 def test_description_has_a_line_for_each_class_that_a_person_has_to_name(
     bare_unghost, tmp_path
 ):

@@ -148,6 +148,7 @@ def test_experiments_of_several_machines_are_joined(
         (("-o", "new", "--arms", "best"), USAGE, "--arms: expected raw, clipped"),
         (("-o", "new", "--seeds", "0"), USAGE, "--seeds: 0 has no seed"),
         (("-o", "new", "--trainer", "train {data}"), REFUSED, "found none of {seed}"),
+        (("--no-train", "--engine", "bad"), USAGE, "--engine: 'bad' is not an engine"),
         (("--no-train", "--truth", "no.jsonl"), USAGE, "--truth: expected instances"),
         (
             ("--no-train", "--truth", "reviews"),

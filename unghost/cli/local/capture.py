@@ -95,11 +95,11 @@ def capture(options: CaptureOptions) -> None:
 
     if options.from_carlasimu is not None:
         _refuse_beside_conversion(options)
-        from unghost.capture.carlasimu import convert_carlasimu
+        from unghost.capture.carlasimu import convert_carlasimu, scenario_text
 
-        converted = convert_carlasimu(options.from_carlasimu)
-        record = {"scenario": converted.scenario, "notes": converted.notes}
-        options.screen.record(record, converted.as_yaml().rstrip("\n"))
+        converted, notes = convert_carlasimu(options.from_carlasimu)
+        record = {"scenario": converted, "notes": notes}
+        options.screen.record(record, scenario_text(converted, notes).rstrip("\n"))
         return
     if options.scenario is None:
         raise typer.BadParameter("give SCENARIO or --from-carlasimu")

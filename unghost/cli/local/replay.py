@@ -77,8 +77,12 @@ def replay(options: ReplayOptions) -> None:
 
     description = options.describe(options.source)
     base = sources.read_config(options.config, options, description, options.screen)
-    configs = (Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu"))
-    best, paper, code = filter(None, configs)  # raw arms alone have none
+    best, paper, code = (
+        Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu")
+    )
+    assert best is not None, "only raw labels have no configuration"
+    assert paper is not None
+    assert code is not None
     frames = sources.open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
     shown = sources.shown_by(first, best, set(best.channels), options.screen)

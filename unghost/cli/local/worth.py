@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
 
 from unghost.cli import sources
-from unghost.cli.cluster import NodeOptions, connected
+from unghost.cli.cluster import NodeOptions, connected, settings_of_node
 from unghost.cli.options import ServerOptions, read_folder, written_file
 from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal, refused_on
 from unghost.cli.summary import LOOKED_AT
@@ -42,11 +42,6 @@ _WITHOUT_TRUTH: Final = {
     "reviews": "SOURCE must be an export as decisions-jsonl with answers of people",
 }
 """What helps where no box is known to be an object."""
-
-_Trial: TypeAlias = tuple[str, int]
-"""An arm and a seed."""
-_Runner: TypeAlias = Callable[[Sequence[_Trial]], Iterator[None]]
-"""Runs trials; yields when one is finished."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,6 +171,8 @@ def worth_it(options: WorthOptions) -> None:
     """
     from unghost.cli.worth_page import noise_tables
 
+    if options.engine != _HERE:
+        settings_of_node(options.engine, options)  # refuses a wrong address
     if options.dataset is not None:
         with options.connect() as client:
             client.dataset(options.dataset)
@@ -252,7 +249,7 @@ def _count_labels(
 
 def _train_and_compare(options: WorthOptions) -> None:
     from filter_core.local import in_order
-    from unghost.experiment.cluster import ClusterTrials
+    from unghost.experiment.cluster import run_on_workers, tasks_of
     from unghost.experiment.trials import Experiment, TrialError, trainer_command
 
     if options.output is None:
@@ -265,29 +262,27 @@ def _train_and_compare(options: WorthOptions) -> None:
     experiment = Experiment(options.output)
     with refused_on(TrialError), ExitStack() as opened:
         command = trainer_command(options.trainer, is_here=options.engine == _HERE)
-        parallel = options.parallel
-
-        def here(trials: Sequence[_Trial]) -> Iterator[None]:
-            return in_order(
-                lambda trial: experiment.run(*trial, command, parallel),
-                trials,
-                parallel,
-            )
-
-        run: _Runner = here
+        parallel, client = options.parallel, None
         if options.engine != _HERE:
             client = opened.enter_context(connected(options.engine, options))
-            run = ClusterTrials(
-                client, experiment, options.trainer, parallel, options.screen.note
-            ).run
         noise = _prepare(options, description, task, experiment)
         experiment.require_trainer(options.trainer)
         trials = [(arm.name, seed) for seed in seeds for arm in task.arms]
         pending = [trial for trial in trials if not experiment.is_finished(*trial)]
         done = len(trials) - len(pending)
+        finished: Iterator[None]
+        if client is None:
+            finished = in_order(
+                lambda trial: experiment.run(*trial, command, parallel),
+                pending,
+                parallel,
+            )
+        else:
+            tasks = tasks_of(experiment, pending, options.trainer, parallel)
+            finished = run_on_workers(client, tasks, options.screen.note)
         with options.screen.progress("train", "trials") as advance:
             advance(done, len(trials))
-            for number, _ in enumerate(run(pending), start=done + 1):
+            for number, _ in enumerate(finished, start=done + 1):
                 advance(number, len(trials))
         _report(options, experiment, noise)
 

@@ -8,11 +8,10 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
 import typer
 
@@ -40,14 +39,6 @@ class ListOptions(OutputOptions):
     limit: Annotated[
         int, typer.Option(min=0, help="Maximum number to list; 0 for all.")
     ] = 0
-
-    @property
-    def selection(self) -> dict[str, Any]:
-        """Options that select boxes, or frames by them, by name; None: not given."""
-        from unghost.client.keywords import BoxSelection
-
-        names = filter(partial(hasattr, self), BoxSelection.__annotations__)
-        return {name: getattr(self, name) for name in names}
 
     def first(self, listed: Iterable[_Listed]) -> Iterator[_Listed]:
         """As many of them as were asked for."""
@@ -137,7 +128,22 @@ def boxes(options: BoxesOptions) -> None:
     if kind == "parquet" and options.output is None:
         raise Refused("--format parquet: expected --output FILE, found none")
     with options.connect() as client:
-        table = client.boxes(options.dataset, **options.selection)
+        table = client.boxes(
+            options.dataset,
+            verdict=options.verdict,
+            effective=options.effective,
+            reason=options.reason,
+            class_name=options.class_name,
+            review=options.review,
+            bin=options.bin,
+            frame=options.frame,
+            map=options.map,
+            camera=options.camera,
+            sequence=options.sequence,
+            weather=options.weather,
+            distance_min=options.distance_min,
+            distance_max=options.distance_max,
+        )
         fields = options.fields.split(",") if options.fields else ()
         with options.screen.progress(f"boxes of {options.dataset}", "boxes") as advance:
             columns = table.columns(
@@ -224,7 +230,17 @@ class FramesOptions(DatasetOptions, ListOptions):
 def frames(options: FramesOptions) -> None:
     """List the frames of a dataset with the counts of their boxes."""
     with options.connect() as client:
-        listed = client.frames(options.dataset, key=options.key, **options.selection)
+        listed = client.frames(
+            options.dataset,
+            key=options.key,
+            verdict=options.verdict,
+            map=options.map,
+            sequence=options.sequence,
+            camera=options.camera,
+            weather=options.weather,
+            distance_min=options.distance_min,
+            distance_max=options.distance_max,
+        )
         counts = ("boxes", "kept", "rejected", "to_review")
         options.screen.listing(
             ("frame", "number", "map", *(name.replace("_", " ") for name in counts)),

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 import yaml
 
-from unghost.capture.carlasimu import convert_carlasimu
+from unghost.capture.carlasimu import convert_carlasimu, scenario_text
 from unghost.capture.scenario import parse_scenario
 from unghost.capture.simulator import ScenarioError
 
@@ -63,9 +63,9 @@ def write_config_file(folder, name, content):
 
 
 def test_seven_carlasimu_files_are_converted_to_one_scenario(folder):
-    converted = convert_carlasimu(folder)
+    converted, notes = convert_carlasimu(folder)
 
-    scenario = parse_scenario(yaml.safe_load(converted.as_yaml()), "x")
+    scenario = parse_scenario(yaml.safe_load(scenario_text(converted, notes)), "x")
     assert (scenario.host, scenario.port, scenario.timeout_s) == ("10.0.0.9", 2002, 12)
     assert (scenario.delta_s, scenario.interval_s, scenario.frames) == (0.04, 2, 77)
     assert (scenario.seed, scenario.walkers.seed) == (0, 5)
@@ -86,7 +86,8 @@ def test_seven_carlasimu_files_are_converted_to_one_scenario(folder):
 
 
 def test_converted_sensors_keep_attributes_and_mounts(folder):
-    scenario = parse_scenario(convert_carlasimu(folder).scenario, "x")
+    converted, _ = convert_carlasimu(folder)
+    scenario = parse_scenario(converted, "x")
 
     camera, sensors = scenario.camera, scenario.sensors
     assert (camera.width, camera.height, camera.fov) == (640, 360, 100)
@@ -133,13 +134,13 @@ def test_few_aliases_are_read(tmp_path):
         "sitting: {rgb_camera: &camera {fov: 100.0}, depth_camera: *camera}"
     )
 
-    converted = convert_carlasimu(tmp_path)
+    converted, _ = convert_carlasimu(tmp_path)
 
-    assert converted.scenario["camera"] == {"fov": 100.0}
+    assert converted["camera"] == {"fov": 100.0}
 
 
 def test_unconverted_settings_are_listed_in_yaml_comments(folder):
-    text = convert_carlasimu(folder).as_yaml()
+    text = scenario_text(*convert_carlasimu(folder))
 
     comments = [line for line in text.splitlines() if line.startswith("#")]
     assert any("thresholds" in line for line in comments)
@@ -165,10 +166,10 @@ def test_what_is_recorded_otherwise_is_noted(tmp_path, sensors, saved, words):
     write_config_file(tmp_path, "sensors.yaml", sensors)
     write_config_file(tmp_path, "boundingBox.yaml", saved)
 
-    converted = convert_carlasimu(tmp_path)
+    converted, notes = convert_carlasimu(tmp_path)
 
-    assert any(words in note for note in converted.notes)
-    assert parse_scenario(converted.scenario, "x").sensors.segmentation is not None
+    assert any(words in note for note in notes)
+    assert parse_scenario(converted, "x").sensors.segmentation is not None
 
 
 def test_empty_values_leave_what_the_simulator_has(tmp_path):
@@ -177,7 +178,7 @@ def test_empty_values_leave_what_the_simulator_has(tmp_path):
         tmp_path, "sensors.yaml", {"rgb_camera": {"fov": 80, "iso": None}}
     )
 
-    converted = convert_carlasimu(tmp_path).scenario
+    converted, _ = convert_carlasimu(tmp_path)
 
     assert converted["weather"] == {"parameters": {"fog_density": 3.0}}
     assert converted["camera"] == {"fov": 80}
@@ -187,7 +188,8 @@ def test_empty_values_leave_what_the_simulator_has(tmp_path):
 def test_safe_leaves_out_the_two_blueprints_that_its_code_does(folder):
     write_config_file(folder, "data.yaml", {**FILES["data.yaml"], "safe": True})
 
-    vehicles = parse_scenario(convert_carlasimu(folder).scenario, "x").vehicles
+    converted, _ = convert_carlasimu(folder)
+    vehicles = parse_scenario(converted, "x").vehicles
 
     assert (vehicles.exclude, vehicles.safe) == (("*carlacola", "*firetruck"), False)
 
@@ -242,7 +244,8 @@ def test_attributes_of_sensors_are_optional_and_their_own(tmp_path):
     sensors = {"rgb_camera": None, "radar_sensor": {"fov": 30}}
     write_config_file(tmp_path, "sensors.yaml", sensors)
 
-    scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
+    converted, _ = convert_carlasimu(tmp_path)
+    scenario = parse_scenario(converted, "x")
 
     assert scenario.camera.width == 1280
     assert scenario.sensors.radar is not None
@@ -255,7 +258,8 @@ def test_truth_values_in_words_are_read_as_the_scenario_reads_them(tmp_path):
         tmp_path, "data.yaml", {"light_state": {"Fog": "off", "LowBeam": "on"}}
     )
 
-    scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
+    converted, _ = convert_carlasimu(tmp_path)
+    scenario = parse_scenario(converted, "x")
 
     assert scenario.map_layers == {"Buildings": False}
     assert scenario.vehicles.lights == ("LowBeam",)
