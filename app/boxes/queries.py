@@ -66,17 +66,6 @@ class FileRow(NamedTuple):
     media_type: str
 
 
-class FrameHead(NamedTuple):
-    """The fields of a frame that exports contain, apart from its boxes."""
-
-    id: int
-    key: str
-    width: int
-    height: int
-    map: str | None
-    content_digest: str
-
-
 @dataclass(frozen=True)
 class PageRequest:
     """Which page of a list, and in which order; ``-`` before `sort` reverses it."""
@@ -300,18 +289,10 @@ class FrameRepository(Repository):
             rows = rows.where(exists().where(of_frame, *boxes.conditions()))
         return list(self._session.scalars(rows))
 
-    def next_frames(
-        self, dataset_id: int, *, after: str, limit: int
-    ) -> list[FrameHead]:
+    def next_frames(self, dataset_id: int, *, after: str, limit: int) -> list[Frame]:
         """Up to `limit` current frames whose keys come after `after`, by key."""
-        columns = (Frame.id, Frame.key, Frame.width, Frame.height, Frame.map)
-        rows = (
-            select(*columns, Frame.content_digest)
-            .where(*current_in(dataset_id), Frame.key > after)
-            .order_by(Frame.key)
-            .limit(limit)
-        )
-        return [FrameHead(*row) for row in self._session.execute(rows)]
+        rows = select(Frame).where(*current_in(dataset_id), Frame.key > after)
+        return list(self._session.scalars(rows.order_by(Frame.key).limit(limit)))
 
     def counts_by_place(self, dataset_id: int) -> dict[str, dict[str, tuple[int, int]]]:
         """Current frames and their boxes by map, weather, camera and sequence.
