@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import TooLarge
-from app.ingest.tar import Member
 from filter_core.config.file import parse_yaml
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.kitti import KITTI
@@ -111,20 +110,23 @@ class SentFolder:
         self._folders: set[str] = {""}
         self._files = 0
 
-    def add(self, member: Member) -> None:
-        """Write a file; TooLarge if there are more files and folders than allowed."""
-        why = _why_not(member.name, self.root)
-        if why is None and member.content is None:
+    def add(self, name: str, content: bytes | None) -> None:
+        """Write a file, whose content is None if it is larger than allowed.
+
+        TooLarge if there are more files and folders than allowed.
+        """
+        why = _why_not(name, self.root)
+        if why is None and content is None:
             why = f"larger than {self._most_file_bytes} bytes"
         if why is None:
-            why = self._write(member.name, member.content or b"")
+            why = self._write(name, content or b"")
         if why is not None:
-            self.refused.append((member.name, why))
+            self.refused.append((name, why))
         elif (
-            len(member.content or b"") in _NOT_WHOLE
-            and split_name(member.name)[1].lower() in IMAGE_SUFFIXES
+            len(content or b"") in _NOT_WHOLE
+            and split_name(name)[1].lower() in IMAGE_SUFFIXES
         ):
-            self.absent.append(member.name)
+            self.absent.append(name)
         self._files += 1
         if self._files + len(self._folders) - 1 > self._most_files:
             raise TooLarge(

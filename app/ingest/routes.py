@@ -26,7 +26,7 @@ from app.catalog.frames import key_rows
 from app.context import ServiceContext
 from app.engine.children import CallCancelled
 from app.errors import Unprocessable, UnsupportedMedia
-from app.http.bodies import PartLimits, UntilStopped, read_parts, stopping
+from app.http.bodies import UntilStopped, read_parts, stopping
 from app.http.deps import (
     AppServices,
     DatasetName,
@@ -239,20 +239,21 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
         )
     settings = settings_of(request)
     require_room(settings, services_of(request).storage)
-    limits = PartLimits(settings.max_parts, settings.max_part_bytes)
     parts: dict[str, bytes] = {}
-    for part in await read_parts(media_type, request.stream(), limits):
-        if part.name not in (ANNOTATION, *KINDS):
+    for name, content in await read_parts(
+        media_type,
+        request.stream(),
+        max_parts=settings.max_parts,
+        max_part_bytes=settings.max_part_bytes,
+    ):
+        if name not in (ANNOTATION, *KINDS):
             raise Unprocessable(
-                f"unknown part {part.name!r}; "
-                f"expected {ANNOTATION}, {', '.join(KINDS)}",
+                f"unknown part {name!r}; expected {ANNOTATION}, {', '.join(KINDS)}",
                 code="unknown_part",
             )
-        if part.name in parts:
-            raise Unprocessable(
-                f"part {part.name!r} was sent twice", code="repeated_part"
-            )
-        parts[part.name] = part.content
+        if name in parts:
+            raise Unprocessable(f"part {name!r} was sent twice", code="repeated_part")
+        parts[name] = content
     if ANNOTATION not in parts:
         raise Unprocessable(
             f"expected a part {ANNOTATION!r} with the frame's JSON, found "
@@ -462,8 +463,8 @@ async def _receive(
     held: HeldBytes = request.scope[BODY_ALLOWANCE].held
 
     def add_files(chunk: bytes) -> None:
-        for member in archive.feed(chunk):
-            sent.add(member)
+        for name, content in archive.feed(chunk):
+            sent.add(name, content)
 
     pieces = UntilStopped(request.stream(), stop)
     with stop.calling(pieces.wake):
