@@ -44,7 +44,7 @@ from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left, stream
 from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
 from app.ingest.check import KINDS
-from app.ingest.folder import MOST_LONGER, FolderTask, SentFolder, write_response
+from app.ingest.folder import MOST_LONGER, SentFolder, write_response
 from app.ingest.frame import EndedFrame, RefusedFrame, UploadedFrame, UploadRequest
 from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
@@ -173,19 +173,19 @@ class BatchResponse(Response):
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
         places = admission_of(self._request).batches
         intake = BatchIntake(self._services, self._common, places)
-        told: Counter[str] = Counter(stored=0, same=0, refused=0)
+        counts: Counter[str] = Counter(stored=0, same=0, refused=0)
         why: dict[str, Problem] = {}
         try:
             async for ended in intake.ended(aiter(frames)):
-                yield b"".join([self._told(frame, told) for frame in ended])
+                yield b"".join([self._line_of(frame, counts) for frame in ended])
                 del ended  # free them while waiting for the next
         except ClientDisconnect:
             return  # the response cannot be delivered
         except Exception as error:
             why["problem"] = self._problem(error)
-        yield _line(wire.BatchEnd(end=True, frames=told.total(), **why, **told))
+        yield _line(wire.BatchEnd(end=True, frames=counts.total(), **why, **counts))
 
-    def _told(self, frame: EndedFrame, told: Counter[str]) -> bytes:
+    def _line_of(self, frame: EndedFrame, counts: Counter[str]) -> bytes:
         """The line of a frame; also counts the frame."""
         if isinstance(frame, RefusedFrame):
             status, kind = refusal_of(frame.error).status, "refused"
@@ -212,7 +212,7 @@ class BatchResponse(Response):
                 **({"notes": notes} if notes else {}),
             )
         self._request.app.state.metrics.observe_frame(status)
-        told[kind] += 1
+        counts[kind] += 1
         return _line(line)
 
     def _problem(self, error: Exception) -> Problem:
@@ -222,8 +222,8 @@ class BatchResponse(Response):
 
 
 def _line(line: wire.BatchLine | wire.BatchEnd) -> bytes:
-    told = line.model_dump(mode="json")
-    return json.dumps(told, ensure_ascii=False).encode() + b"\n"
+    fields = line.model_dump(mode="json")
+    return json.dumps(fields, ensure_ascii=False).encode() + b"\n"
 
 
 ANNOTATION: Final = "annotation"
@@ -413,16 +413,9 @@ async def read_folder(
         opened.enter_context(services.one(OpenBatches).enter(settings))
         sent = await opened.enter_async_context(_sent_folder(services))
         await _receive(request, services, sent)
-        task = FolderTask(
-            root=sent.root,
-            response=sent.response,
-            layout=layout,
-            refused=tuple(sent.refused),
-            absent=tuple(sent.absent),
-            most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
-        )
+        most_bytes = MOST_LONGER * int(settings.max_folder_bytes)
+        read = partial(services.folders.run, write_response, sent, layout, most_bytes)
         async with until_left(request) as cancelled:
-            read = partial(services.folders.run, write_response, task)
             size = await to_thread.run_sync(
                 partial(read, cancelled=cancelled),
                 limiter=admission_of(request).folders,
