@@ -37,7 +37,7 @@ from app.measuring.active import (
     describe_version,
 )
 from app.runs import service as runs
-from app.runs.flips import PreviewLimits, compared_runs, preview, run_diff
+from app.runs.flips import compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
 from unghost.wire import runs as wire
@@ -226,9 +226,7 @@ def preview_config(
 ) -> wire.Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
     dataset_row = DatasetRepository(session).named(dataset)
-    config = load_config(body.config.root).after(active_config(session, dataset_row))
-    limits = PreviewLimits(body.limit, body.bins, body.truth)
-    return preview(services, session, dataset_row, config, limits)
+    return preview(services, session, dataset_row, body)
 
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
