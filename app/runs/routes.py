@@ -99,7 +99,7 @@ def list_configs(
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = newest(session, tables.ConfigVersion, dataset_row.id, query.page)
+    rows = newest(session, tables.ConfigVersion, dataset_row.id, query)
     return query.response(rows, lambda version: describe_version(dataset_row, version))
 
 
@@ -248,7 +248,7 @@ def list_runs(
 ) -> Response:
     """Runs of a dataset, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = RunRepository(session).page(query.page, state, dataset_row.id)
+    rows = RunRepository(session).page(query, state, dataset_row.id)
     return query.response(rows, runs.describing_runs(services, session, rows))
 
 
@@ -261,7 +261,7 @@ def list_all_runs(
     state: State = None,
 ) -> Response:
     """Runs of all datasets, newest first."""
-    rows = RunRepository(session).page(query.page, state)
+    rows = RunRepository(session).page(query, state)
     return query.response(rows, runs.describing_runs(services, session, rows))
 
 
