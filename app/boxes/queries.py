@@ -105,6 +105,12 @@ _NAMED_BOXES: Final = _CURRENT_BOXES.where(
 )
 
 
+_PlaceRow: TypeAlias = (
+    "Row[int, str, str | None, str | None, str | None, str | None, int]"
+)
+"""Columns of a frame, by name: `box_count`, and what tables repeat for each box."""
+
+
 # Statements of a filter are kept: to build one takes as long as to read its rows.
 @lru_cache
 def _frames_after(
@@ -163,18 +169,6 @@ PLACES: Final = ("map", "weather", "camera", "sequence")
 """Columns of frames that say where, how and by what they were recorded."""
 
 
-class FramePlace(NamedTuple):
-    """The columns of a frame that tables of boxes repeat for each box."""
-
-    id: int
-    key: str
-    map: str | None
-    camera: str | None
-    sequence: str | None
-    weather: str | None
-    boxes: int
-
-
 class FrameRepository(Repository):
     """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
 
@@ -219,26 +213,26 @@ class FrameRepository(Repository):
 
     def places_of(
         self, box_filter: BoxFilter, *, after: int, boxes: int
-    ) -> tuple[list[FramePlace], bool]:
+    ) -> tuple[list[_PlaceRow], bool]:
         """The next frames that can have such boxes, by id, and whether more follow.
 
         As many as have `boxes` boxes together, at least one.
         """
-        places: list[FramePlace] = []
+        places: list[_PlaceRow] = []
         total = 0
         rows = bulk.run(
             self._session, _frames_after(box_filter), after=after, most=boxes
         )
         with closing(rows):
             for row in rows:
-                total += row[-1]
+                total += row.box_count
                 if places and total > boxes:
                     return places, True
-                places.append(FramePlace(*row))
+                places.append(row)
         return places, len(places) == boxes
 
     def boxes_between(
-        self, box_filter: BoxFilter, frames: Sequence[FramePlace]
+        self, box_filter: BoxFilter, frames: Sequence[_PlaceRow]
     ) -> CurrentBoxes:
         """The boxes of a filter in consecutive frames, by frame and id."""
         if not frames:
