@@ -8,8 +8,9 @@ the fields of `stored_decision`.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Final, NamedTuple, TypedDict
@@ -278,6 +279,34 @@ def read_box(session: Session, box_id: int) -> tuple[DecisionReader, StoredBoxes
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
     reader = DecisionReader(session, dataset)
     return reader, reader.read(rows)
+
+
+def rectangles_of(
+    session: Session, box_ids: Collection[int]
+) -> dict[int, tuple[int, list[float]]]:
+    """The frame and the rectangle of each box, by its id.
+
+    Of current boxes of any datasets that have a rectangle in the image; in px.
+    """
+    repository, datasets = FrameRepository(session), DatasetRepository(session)
+    rows = repository.current_boxes([*box_ids])
+    frames = repository.with_ids(rows.frame_ids)
+    frame_of = dict(zip(rows.box_ids, rows.frame_ids, strict=True))
+    ids_of_dataset: dict[int, list[int]] = defaultdict(list)
+    for box_id, frame_id in frame_of.items():
+        ids_of_dataset[frames[frame_id].dataset_id].append(box_id)
+    rectangles: dict[int, tuple[int, list[float]]] = {}
+    for dataset_id, ids in ids_of_dataset.items():
+        with suppress(NotFound):  # the dataset was deleted
+            reader = DecisionReader(session, datasets.with_id(dataset_id))
+            boxes = reader.read_boxes(ids)
+            corners = zip(boxes.rows.box_ids, boxes.rectangles(), strict=True)
+            rectangles |= {
+                box_id: (frame_of[box_id], xyxy)
+                for box_id, xyxy in corners
+                if xyxy is not None
+            }
+    return rectangles
 
 
 class DecisionReader:
