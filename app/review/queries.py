@@ -40,7 +40,7 @@ from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
 from app.catalog.datasets import is_deleted, is_there
 from app.catalog.frames import current_in
-from app.db.base import Key, Repository, UtcDateTime, existing
+from app.db.base import Key, Repository, UtcDateTime, existing, insert_row
 from app.db.bulk import chunks, insert_into, insert_rows
 from app.db.tables import Box, Claim, Dataset, Decision, Frame, Review, ReviewBatch, Run
 from app.errors import NotFound
@@ -462,7 +462,7 @@ class ReviewBatches(Repository):
             looked_at=looked_at,
             undoes_id=undoes_id,
         )
-        return self.insert(batch)
+        return insert_row(self._session, batch)
 
     def with_id(self, batch_id: int) -> ReviewBatch:
         """A batch; raises NotFound."""
