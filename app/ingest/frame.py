@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from app.boxes.queries import FileRow
-from app.errors import AppError, forget_frames
+from app.errors import AppError
 from app.measuring.active import ActiveDataset
+from app.memory import forget_tracebacks
 from app.security import Principal
 from app.storage.base import Drafts
 from filter_core.pipeline import MeasuredFrame
@@ -115,7 +116,7 @@ class RefusedFrame:
 
     def __post_init__(self) -> None:
         """Drop the error's tracebacks, which refer to the frame's data."""
-        forget_frames(self.error)
+        forget_tracebacks(self.error)
 
 
 EndedFrame: TypeAlias = StoredFrame | RefusedFrame
