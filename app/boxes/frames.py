@@ -24,7 +24,6 @@ from app.boxes.counts import count, summary
 from app.boxes.current import DecisionRepository, retire
 from app.boxes.drawing import (
     PNG,
-    TAR,
     WEBP,
     Drawing,
     Layer,
@@ -73,7 +72,7 @@ from unghost.wire.frames import (
     OverlayQuery,
     StoredFile,
 )
-from unghost.wire.words import FileKind, LayerName
+from unghost.wire.words import TAR, FileKind, LayerName
 
 
 def frame_summaries(

@@ -56,8 +56,8 @@ from filter_core.formats.recording import known_layouts
 from unghost.wire import folders
 from unghost.wire import frames as wire
 from unghost.wire.model import Problem, ResponseModel
+from unghost.wire.words import TAR
 
-ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
@@ -67,7 +67,7 @@ folders_router = ApiRouter(prefix="/api/v1", tag="frames")
 ARCHIVE_BODY: Final = {
     "requestBody": {
         "required": True,
-        "content": {ARCHIVE: {"schema": {"type": "string", "format": "binary"}}},
+        "content": {TAR: {"schema": {"type": "string", "format": "binary"}}},
     }
 }
 
@@ -116,9 +116,9 @@ async def post_batch(
 def expect_archive(request: Request) -> None:
     """Refuse a body whose headers do not declare a plain tar."""
     media_type = request.headers.get("content-type", "")
-    if media_type.partition(";")[0].strip().lower() != ARCHIVE:
+    if media_type.partition(";")[0].strip().lower() != TAR:
         raise UnsupportedMedia(
-            f"expected {ARCHIVE}, found {media_type or 'no media type'!r}"
+            f"expected {TAR}, found {media_type or 'no media type'!r}"
         )
     coding = request.headers.get("content-encoding", "identity")
     if coding.lower() != "identity":
@@ -207,8 +207,8 @@ class BatchResponse(Response):
                 status=status,
                 frame_id=frame.frame_id,
                 decisions=frame.verdicts,
-                answers_set_aside=frame.set_aside.answers,
-                boxes_set_aside=frame.set_aside.boxes,
+                answers_set_aside=frame.answers_set_aside,
+                boxes_set_aside=frame.boxes_set_aside,
                 **({"notes": notes} if notes else {}),
             )
         self._request.app.state.metrics.observe_frame(status)

@@ -26,7 +26,7 @@ from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Review, Run
 from app.engine.chunk import Job
 from app.engine.local import LocalEngine
-from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
+from app.ingest.frame import AcceptedFrame, UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
@@ -149,7 +149,7 @@ class ServiceDataset:
 
     def put(
         self, key: str, annotation: Mapping[str, Any], **files: bytes
-    ) -> StoredFrame:
+    ) -> AcceptedFrame:
         content = json.dumps(annotation).encode()
         request = UploadRequest(self.name, self.by, replace=True)
         return add_frame(self.context, request, UploadedFrame(key, content, files))
