@@ -92,10 +92,11 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
     yield from (Gauge("unghost_database_up", text, bool(of_database)), *of_database)
     counted = context.one(BlobCount).newest(context.database, context.engine)
     if counted is not None:
+        files, size_bytes = counted
         text = "Stored files, counted at most once a minute."
-        yield Gauge("unghost_blobs", text, counted[0])
+        yield Gauge("unghost_blobs", text, files)
         text = "Bytes of all stored files, counted at most once a minute."
-        yield Gauge("unghost_blob_bytes", text, counted[1])
+        yield Gauge("unghost_blob_bytes", text, size_bytes)
 
 
 def _of_database(context: ServiceContext) -> Iterator[Gauge]:

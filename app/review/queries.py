@@ -288,9 +288,9 @@ class ReviewRepository(Repository):
     ) -> int:
         """Undo a bulk answer on the boxes that still have their revision; how many.
 
-        `boxes` are those of `ReviewBatches.undoable`.
-        The answer before the bulk answer is repeated on each box. If there was none,
-        `clear` is stored, which is the verdict of `undo`, the row of the undo.
+        `boxes` are those of `ReviewBatches.undoable`. The answer before the bulk answer
+        is repeated on each box. If there was none, `clear` is stored, which is the
+        verdict of `undo`, the row of the undo.
         """
         cleared, earlier = _answer_of(undo), aliased(Review)
         content = (
