@@ -116,13 +116,6 @@ _BUCKET: Final = re.compile(
 """Bucket names as Amazon allows them; prefixes of characters that need no escaping."""
 
 
-class Bucket(NamedTuple):
-    """An S3 bucket and the prefix of its keys, which may be empty."""
-
-    name: str
-    prefix: str
-
-
 def checked_storage(text: str) -> str:
     """The text, if it names a storage; ValueError, which does not quote it, if not."""
     if text != FOLDER and _BUCKET.fullmatch(text) is None:
@@ -130,10 +123,13 @@ def checked_storage(text: str) -> str:
     return text
 
 
-def bucket_of(storage: str) -> Bucket | None:
-    """The bucket that files are stored in; None for the data folder."""
+def bucket_of(storage: str) -> tuple[str, str] | None:
+    """The name of the S3 bucket that files are stored in, and the prefix of its keys.
+
+    The prefix may be empty. None for the data folder.
+    """
     match = _BUCKET.fullmatch(storage)
-    return match and Bucket(match["name"], match["prefix"].strip("/"))
+    return match and (match["name"], match["prefix"].strip("/"))
 
 
 def checked_endpoint(text: str, *, plain: bool) -> str:

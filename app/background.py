@@ -13,7 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from app.context import ServiceContext
 from app.db.transient import in_a_line, is_transient
-from app.errors import forget_frames
+from app.memory import forget_tracebacks
 
 RETRY_S: Final = 5.0
 """Seconds after which a task that has failed is tried again, if not earlier."""
@@ -80,7 +80,7 @@ def attempt(context: ServiceContext, task: Task) -> None:
             log.warning("%s: %s", message, in_a_line(exc))
         else:
             log.exception("%s", message)
-        forget_frames(exc)
+        forget_tracebacks(exc)
         if not is_transient(exc):
             failures[message] = exc
     else:

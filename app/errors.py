@@ -326,17 +326,3 @@ class NotReady(TryLater):
     """The service cannot work yet, or is stopping."""
 
     code = "not_ready"
-
-
-def forget_frames(error: BaseException) -> None:
-    """Drop the tracebacks of an error that has been handled, and of its causes.
-
-    The frames of a traceback refer to the request's data and often to the error itself.
-    Such a reference cycle stays in memory until the next full garbage collection.
-    """
-    left: list[BaseException | None] = [error]
-    while left:
-        cause = left.pop()
-        if cause is not None and cause.__traceback__ is not None:
-            cause.__traceback__ = None
-            left += [cause.__cause__, cause.__context__]

@@ -1,4 +1,7 @@
-"""Settings of the C library's allocator and of Python's garbage collector."""
+"""Memory: settings of the C library's allocator and of Python's garbage collector.
+
+`forget_tracebacks` frees what errors that were handled refer to.
+"""
 
 from __future__ import annotations
 
@@ -77,3 +80,17 @@ def settle() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(_COLLECT_EVERY, *gc.get_threshold()[1:])
+
+
+def forget_tracebacks(error: BaseException) -> None:
+    """Drop the tracebacks of an error that has been handled, and of its causes.
+
+    The frames of a traceback refer to the request's data and often to the error itself.
+    Such a reference cycle stays in memory until the next full garbage collection.
+    """
+    left: list[BaseException | None] = [error]
+    while left:
+        cause = left.pop()
+        if cause is not None and cause.__traceback__ is not None:
+            cause.__traceback__ = None
+            left += [cause.__cause__, cause.__context__]

@@ -13,7 +13,6 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -29,6 +28,7 @@ from prometheus_client.core import (
     Info,
     Metric,
 )
+from prometheus_client.registry import Collector
 
 BUCKETS_S: Final = (0.005, 0.025, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 60.0)
 WORK_BUCKETS_S: Final = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0)
@@ -148,16 +148,11 @@ def process_facts() -> Iterator[Metric]:
     yield GaugeMetricFamily("process_open_fds", "Open files and connections.", files)
 
 
-@dataclass(frozen=True)
-class Scrape:
-    """All metrics that one request of Prometheus gets."""
+def prometheus_text(metrics: Iterable[Metric]) -> bytes:
+    """Metrics in Prometheus' text format, version 0.0.4."""
 
-    metrics: Iterable[Metric]
+    class Scrape(Collector):
+        def collect(self) -> Iterable[Metric]:
+            return metrics
 
-    def collect(self) -> Iterable[Metric]:
-        """The metrics, under the name by which `prometheus_client` asks for them."""
-        return self.metrics
-
-    def text(self) -> bytes:
-        """The metrics in Prometheus' text format, version 0.0.4."""
-        return generate_latest(self)
+    return generate_latest(Scrape())

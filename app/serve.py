@@ -10,7 +10,6 @@ import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -56,15 +55,6 @@ _HINTS: Final = {
 }
 
 
-@dataclass(frozen=True)
-class LoginLink:
-    """A link that logs a person in; it works once, within ten minutes."""
-
-    url: str
-    is_over: Callable[[], bool]
-    """Whether it was used or has expired."""
-
-
 class CannotServe(Exception):
     """The service could not start; the text says why and what to do."""
 
@@ -73,12 +63,13 @@ def serve(
     settings: Settings,
     *,
     on_locked: Callable[[], None] = lambda: None,
-    on_ready: Callable[[LoginLink], None] | None = None,
+    on_ready: Callable[[str, Callable[[], bool]], None] | None = None,
 ) -> None:
     """Serve until interrupted.
 
     `on_locked` is called once the data folder and the port are this server's alone, and
-    `on_ready` with a login link once requests are answered.
+    `on_ready` once requests are answered: with a link that logs a person in, once and
+    within ten minutes, and a function that says whether it was used or has expired.
 
     Raises CannotServe: the port is taken, or the data folder cannot be used, for
     instance because another server uses it.
@@ -97,7 +88,7 @@ def serve(
         app = create_app(settings)
 
         def ready() -> None:
-            link = first_link(app.state.services, url)
+            link, is_over = first_link(app.state.services, url)
             settle()
             note.write()
             server_log.info("ready at %s, version %s", url, VERSION)
@@ -114,9 +105,9 @@ def serve(
                 app.state.connections.most,
             )
             if on_ready is not None:
-                on_ready(link)
+                on_ready(link, is_over)
             else:
-                sys.stdout.write(f"{ready_text(link.url)}\n")
+                sys.stdout.write(f"{ready_text(link)}\n")
                 sys.stdout.flush()
 
         def stopping() -> None:
@@ -374,8 +365,8 @@ def _family(host: str) -> socket.AddressFamily:
     return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
-def first_link(services: ServiceContext, url: str) -> LoginLink:
-    """A new login link for the token in the data folder."""
+def first_link(services: ServiceContext, url: str) -> tuple[str, Callable[[], bool]]:
+    """A new login link for the token in the data folder, and whether it is over."""
     database = services.database
     with database.write() as session:
         code, secret = make_first_code(session, services.settings.token_file)
@@ -384,7 +375,7 @@ def first_link(services: ServiceContext, url: str) -> LoginLink:
         with database.read() as session:
             return code_is_over(session, code.id)
 
-    return LoginLink(f"{url}/#code={secret}", is_over)
+    return f"{url}/#code={secret}", is_over
 
 
 def ready_text(link: str) -> str:

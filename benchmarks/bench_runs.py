@@ -23,7 +23,7 @@ from app.datasets.service import statistics as dataset_statistics
 from app.db.tables import Run
 from app.measuring.columns import ColumnCache
 from app.memory import settle
-from app.runs.flips import PreviewLimits, preview
+from app.runs.flips import preview
 from app.runs.service import RunRequest, request_run
 from benchmarks.measuring import (
     DATA,
@@ -37,6 +37,7 @@ from benchmarks.measuring import (
 from filter_core.config.filter import FilterConfig
 from tests.support.large_datasets import NAME
 from unghost.wire.boxes import BoxSelection
+from unghost.wire.runs import PreviewIn
 
 PAGES = 60
 ENDED = ("done", "failed", "cancelled")
@@ -97,14 +98,14 @@ def runs(context: ServiceContext) -> dict[str, float]:
 
 
 def previews(context: ServiceContext) -> dict[str, float]:
-    config = FilterConfig(threshold_small_box=12)
+    body: dict[str, object] = {"config": {"threshold_small_box": 12}}
+    request = PreviewIn.model_validate({**body, "limit": 100, "bins": 50})
     with context.database.read() as session:
         dataset = DatasetRepository(session).named(NAME)
-        limits = PreviewLimits(100, 50)
-        preview(context, session, dataset, config, limits)
+        preview(context, session, dataset, request)
         measurement = dataset.active_measurement_id or 0
         held = context.one(ColumnCache).load(session, dataset.id, measurement)
-        took = median(lambda: preview(context, session, dataset, config, limits))
+        took = median(lambda: preview(context, session, dataset, request))
     numbers = held.evidence
     columns = [getattr(numbers, name) for name in READ_BY_A_DECISION]
     reference = median(lambda: [np.count_nonzero(each > 1) for each in columns])

@@ -10,7 +10,7 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.access.queries import AuditRepository
-from app.db.base import utc_now
+from app.db.base import insert_row, utc_now
 from app.db.tables.access import AuditEntry
 from app.security import Principal
 
@@ -76,18 +76,19 @@ class AuditTrail:
         Of `OFTEN`, actions that everybody may repeat as often as they like, the log has
         at most `MOST_AN_HOUR` of each token and action: no entry is ever deleted.
         """
-        log = AuditRepository(self.session)
         if self.actor is not None and action in OFTEN:
             since = utc_now() - timedelta(hours=1)
             token_id = self.actor.token_id
+            log = AuditRepository(self.session)
             if log.noted_since(token_id, action.value, since) >= MOST_AN_HOUR:
                 return
-        log.insert(
+        insert_row(
+            self.session,
             AuditEntry(
                 token_id=None if self.actor is None else self.actor.token_id,
                 actor=self.name,
                 action=action.value,
                 subject=str(subject),
                 details=details,
-            )
+            ),
         )

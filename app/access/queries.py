@@ -7,7 +7,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy import Connection, Row, bindparam, delete, func, or_, select, update
 
-from app.db.base import Repository
+from app.db.base import Repository, insert_row
 from app.db.pages import NewestPage
 from app.db.tables.access import (
     AuditEntry,
@@ -122,7 +122,7 @@ class Tokens(Repository):
         token = self.by_name(name)
         if token is None:
             token = Token(name=name, role=role, hash=digest)
-            return self.insert(token)
+            return insert_row(self._session, token)
         self._end_all_of(token.id)
         token.hash, token.role = digest, role
         token.revoked_at = token.expires_at = None
@@ -176,7 +176,7 @@ class Tokens(Repository):
 
     def open_session(self, opened: LoginSession, *, most: int) -> None:
         """Store a session that a token opened; only its `most` newest sessions stay."""
-        self._keep_newest(self.insert(opened), most)
+        self._keep_newest(insert_row(self._session, opened), most)
 
     def expiry(self, of: Principal) -> datetime | None:
         """When a caller's token or session expires, whichever is first; None: never."""
@@ -197,7 +197,7 @@ class Tokens(Repository):
         table = type(row)
         ended = delete(table).where(table.expires_at <= row.created_at)
         self._session.execute(ended)
-        self._keep_newest(self.insert(row), most)
+        self._keep_newest(insert_row(self._session, row), most)
 
     def code(self, code_id: int) -> LoginCode | None:
         """The login code with this id, used or not."""

@@ -28,7 +28,7 @@ audit_router = ApiRouter(prefix="/api/v1", tag="audit")
 @audit_router.get("/audit", response_model=Page[wire.AuditEntry])
 def list_audit(caller: Admin, query: Newest, session: ReadSession) -> Response:
     """The audit log: who changed tokens, data, configurations, jobs or many answers."""
-    entries = AuditRepository(session).page(query.page)
+    entries = AuditRepository(session).page(query)
     describe = partial(wire.AuditEntry.model_validate, from_attributes=True)
     return query.response(entries, describe)
 

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.queries import TokenEnd, Tokens, end_of, is_valid
-from app.db.base import existing, rfc3339, utc_now
+from app.db.base import existing, insert_row, rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
 from app.security import (
@@ -119,12 +119,11 @@ def issue(
     """
     if expires_at is not None and expires_at <= utc_now():
         raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
-    tokens = Tokens(audit.session)
-    if tokens.by_name(name) is not None:
+    if Tokens(audit.session).by_name(name) is not None:
         raise Conflict(f"a token named {name!r} exists already; it may be revoked")
     secret = new_secret(TOKEN_PREFIX)
     token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
-    tokens.insert(token)
+    insert_row(audit.session, token)
     until = None if expires_at is None else rfc3339(expires_at)
     audit.note(
         AuditAction.TOKEN_CREATED, name, token_id=token.id, role=role, expires_at=until

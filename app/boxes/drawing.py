@@ -194,7 +194,6 @@ def _fitted(
 
 WEBP: Final = "image/webp"
 PNG: Final = "image/png"
-TAR: Final = "application/x-tar"
 MOST_REFUSED: Final = 1000
 KEPT_BYTES: Final = 64 * 1024**2
 """Size of the cache of drawn pictures: some 4,000 crops."""

@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +24,6 @@ from app.boxes.counts import count, summary
 from app.boxes.current import DecisionRepository, retire
 from app.boxes.drawing import (
     PNG,
-    TAR,
     WEBP,
     Drawing,
     Layer,
@@ -40,7 +40,12 @@ from app.boxes.queries import (
     GhostRepository,
     LatestAnswers,
 )
-from app.boxes.reader import DecisionReader, StoredDecision, read_box
+from app.boxes.reader import (
+    DecisionReader,
+    StoredDecision,
+    read_box,
+    rectangles_of,
+)
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import ProblemRepository
 from app.context import ServiceContext
@@ -67,7 +72,7 @@ from unghost.wire.frames import (
     OverlayQuery,
     StoredFile,
 )
-from unghost.wire.words import FileKind, LayerName
+from unghost.wire.words import TAR, FileKind, LayerName
 
 
 def frame_summaries(
@@ -377,11 +382,16 @@ def crops_of(
 
     Those that cannot be drawn are missing. `folder` has the pictures that are kept.
     """
+    parts = crops.parts()
+    rectangles = rectangles_of(session, {box_id for box_id, _ in parts.values()})
+    pictures_of = cache(partial(frame_pictures, storage, session))
     drawings: dict[str, Drawing | None] = {}
-    for words, (box_id, query) in crops.parts().items():
+    for words, (box_id, query) in parts.items():
         drawings[words] = None
-        with suppress(NotFound):
-            drawings[words] = crop_of(storage, session, box_id, query)
+        if box_id in rectangles:
+            frame_id, xyxy = rectangles[box_id]
+            with suppress(NotFound):
+                drawings[words] = pictures_of(frame_id).crop(xyxy, query)
 
     def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
         content = io.BytesIO()

@@ -45,13 +45,16 @@ _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Contents:
-    """What a filter may select: streams for anything else would be empty.
+class BoxOrder:
+    """Builds the streams of each tier, for one filter.
 
-    `is_rare`: it selects so few of the boxes to ask about, such as toss-ups, that a
-    page of them would be searched for among thousands of others.
+    An order consists of tiers: all boxes of a tier come before those of the next one.
+    The fields after `box_filter` are what it may select: streams for anything else
+    would be empty. `is_rare`: it selects so few of the boxes to ask about, such as
+    toss-ups, that a page of them would be searched for among thousands of others.
     """
 
+    box_filter: BoxFilter
     reasons: tuple[int, ...]
     class_ids: frozenset[int]
     bins: frozenset[Bin]
@@ -60,18 +63,19 @@ class Contents:
     @classmethod
     def of(
         cls,
-        tallies: Mapping[TallyKey, int],
         box_filter: BoxFilter,
+        tallies: Mapping[TallyKey, int],
         most: int,
         rare: int,
-    ) -> Contents:
-        """Those of a dataset's tallies; `most` boxes are selected at most."""
+    ) -> BoxOrder:
+        """That of a filter and its dataset's tallies; it selects at most `most`."""
         selected = {
             key: boxes for key, boxes in tallies.items() if box_filter.selects(key)
         }
         to_ask = sum(boxes for key, boxes in tallies.items() if key.bin == Bin.ASK)
         to_ask_selected = sum(n for key, n in selected.items() if key.bin == Bin.ASK)
         return cls(
+            box_filter,
             tuple(sorted({key.reason for key in tallies})),
             frozenset(key.class_id for key in tallies),
             frozenset(Bin(key.bin) for key in selected),
@@ -79,17 +83,6 @@ class Contents:
             or box_filter.has_places
             or min(to_ask_selected, most) * rare < to_ask,
         )
-
-
-@dataclass(frozen=True)
-class BoxOrder:
-    """Builds the streams of each tier, for one filter.
-
-    An order consists of tiers: all boxes of a tier come before those of the next one.
-    """
-
-    box_filter: BoxFilter
-    contents: Contents
 
     def by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
         """The boxes that meet these conditions too, by id."""
@@ -104,7 +97,7 @@ class BoxOrder:
         else:
             # Without "reason in (...)": a database may prefer it to "reason = ...".
             every = replace(box_filter, reasons=()).conditions()
-            reasons = [r for r in self.contents.reasons if r in box_filter.reasons]
+            reasons = [r for r in self.reasons if r in box_filter.reasons]
             parts = [[*every, Decision.reason == reason] for reason in reasons]
         return [Stream(Decision.box_id, [*part, *conditions]) for part in parts]
 
@@ -127,12 +120,12 @@ class BoxOrder:
 
     def by_doubt(self, bin_: Bin) -> list[Stream]:
         """The boxes of a bin, the most doubtful first."""
-        if bin_ not in self.contents.bins:
+        if bin_ not in self.bins:
             return []
         every = [*self.box_filter.conditions(), in_bin(bin_)]
         if bin_ is not Bin.ASK:  # all of its boxes have the same doubt
             return self.by_id(in_bin(bin_))
-        if self.contents.is_rare:
+        if self.is_rare:
             # "+ 0" prevents the use of the index on this column.
             return [Stream(Decision.doubt + 0, every, sign=-1)]
         states = (
@@ -154,7 +147,7 @@ class BoxOrder:
         for each in self.box_filter.thresholds:
             key = each.class_id
             is_asked = class_ids is None or key in class_ids
-            if is_asked and key in self.contents.class_ids:
+            if is_asked and key in self.class_ids:
                 part = replace(self.box_filter, thresholds=(each,)).conditions()
                 part.append(Decision.class_id == key)
                 if margin is not None:
@@ -264,9 +257,7 @@ class BoxPages:
     ) -> None:
         self._session = session
         self._filter = box_filter
-        self._streams = BoxOrder(
-            box_filter, Contents.of(tallies, box_filter, most, rare)
-        )
+        self._streams = BoxOrder.of(box_filter, tallies, most, rare)
 
     def page(
         self, order: str, cursor: str | None, limit: int
@@ -294,7 +285,7 @@ class BoxPages:
             # by id finds enough boxes sooner.
             after = at.box_id
             if at == START:
-                class_ids = self._streams.contents.class_ids
+                class_ids = self._streams.class_ids
                 span = BoxProbes(self._session).span(self._filter.dataset_id, class_ids)
                 after = span[0] - 1 if span else 0
             window = (Decision.box_id > after, Decision.box_id <= after + WINDOW)
@@ -310,7 +301,7 @@ class BoxPages:
                 return positions
         # Building a statement of a stream for each class takes several times as long as
         # executing it. Plans for many classes would take up too much memory.
-        many = len(self._streams.contents.class_ids) > STREAMS_TOGETHER
+        many = len(self._streams.class_ids) > STREAMS_TOGETHER
         plan = _new_plan if many else _cached_plan
         queries, sign = plan(self._streams, order, tier, limit, is_first=at == START)
         # The bound leaves room for a number that a database rounds.

@@ -66,17 +66,6 @@ class FileRow(NamedTuple):
     media_type: str
 
 
-class FrameHead(NamedTuple):
-    """The fields of a frame that exports contain, apart from its boxes."""
-
-    id: int
-    key: str
-    width: int
-    height: int
-    map: str | None
-    content_digest: str
-
-
 @dataclass(frozen=True)
 class PageRequest:
     """Which page of a list, and in which order; ``-`` before `sort` reverses it."""
@@ -114,6 +103,12 @@ _CURRENT_BOXES: Final = select(
 _NAMED_BOXES: Final = _CURRENT_BOXES.where(
     Decision.box_id.in_(bindparam("boxes", expanding=True))
 )
+
+
+_PlaceRow: TypeAlias = (
+    "Row[int, str, str | None, str | None, str | None, str | None, int]"
+)
+"""Columns of a frame, by name: `box_count`, and what tables repeat for each box."""
 
 
 # Statements of a filter are kept: to build one takes as long as to read its rows.
@@ -174,18 +169,6 @@ PLACES: Final = ("map", "weather", "camera", "sequence")
 """Columns of frames that say where, how and by what they were recorded."""
 
 
-class FramePlace(NamedTuple):
-    """The columns of a frame that tables of boxes repeat for each box."""
-
-    id: int
-    key: str
-    map: str | None
-    camera: str | None
-    sequence: str | None
-    weather: str | None
-    boxes: int
-
-
 class FrameRepository(Repository):
     """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
 
@@ -230,26 +213,26 @@ class FrameRepository(Repository):
 
     def places_of(
         self, box_filter: BoxFilter, *, after: int, boxes: int
-    ) -> tuple[list[FramePlace], bool]:
+    ) -> tuple[list[_PlaceRow], bool]:
         """The next frames that can have such boxes, by id, and whether more follow.
 
         As many as have `boxes` boxes together, at least one.
         """
-        places: list[FramePlace] = []
+        places: list[_PlaceRow] = []
         total = 0
         rows = bulk.run(
             self._session, _frames_after(box_filter), after=after, most=boxes
         )
         with closing(rows):
             for row in rows:
-                total += row[-1]
+                total += row.box_count
                 if places and total > boxes:
                     return places, True
-                places.append(FramePlace(*row))
+                places.append(row)
         return places, len(places) == boxes
 
     def boxes_between(
-        self, box_filter: BoxFilter, frames: Sequence[FramePlace]
+        self, box_filter: BoxFilter, frames: Sequence[_PlaceRow]
     ) -> CurrentBoxes:
         """The boxes of a filter in consecutive frames, by frame and id."""
         if not frames:
@@ -300,18 +283,10 @@ class FrameRepository(Repository):
             rows = rows.where(exists().where(of_frame, *boxes.conditions()))
         return list(self._session.scalars(rows))
 
-    def next_frames(
-        self, dataset_id: int, *, after: str, limit: int
-    ) -> list[FrameHead]:
+    def next_frames(self, dataset_id: int, *, after: str, limit: int) -> list[Frame]:
         """Up to `limit` current frames whose keys come after `after`, by key."""
-        columns = (Frame.id, Frame.key, Frame.width, Frame.height, Frame.map)
-        rows = (
-            select(*columns, Frame.content_digest)
-            .where(*current_in(dataset_id), Frame.key > after)
-            .order_by(Frame.key)
-            .limit(limit)
-        )
-        return [FrameHead(*row) for row in self._session.execute(rows)]
+        rows = select(Frame).where(*current_in(dataset_id), Frame.key > after)
+        return list(self._session.scalars(rows.order_by(Frame.key).limit(limit)))
 
     def counts_by_place(self, dataset_id: int) -> dict[str, dict[str, tuple[int, int]]]:
         """Current frames and their boxes by map, weather, camera and sequence.

@@ -8,8 +8,9 @@ the fields of `stored_decision`.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Final, NamedTuple, TypedDict
@@ -280,6 +281,34 @@ def read_box(session: Session, box_id: int) -> tuple[DecisionReader, StoredBoxes
     return reader, reader.read(rows)
 
 
+def rectangles_of(
+    session: Session, box_ids: Collection[int]
+) -> dict[int, tuple[int, list[float]]]:
+    """The frame and the rectangle of each box, by its id.
+
+    Of current boxes of any datasets that have a rectangle in the image; in px.
+    """
+    repository, datasets = FrameRepository(session), DatasetRepository(session)
+    rows = repository.current_boxes([*box_ids])
+    frames = repository.with_ids(rows.frame_ids)
+    frame_of = dict(zip(rows.box_ids, rows.frame_ids, strict=True))
+    ids_of_dataset: dict[int, list[int]] = defaultdict(list)
+    for box_id, frame_id in frame_of.items():
+        ids_of_dataset[frames[frame_id].dataset_id].append(box_id)
+    rectangles: dict[int, tuple[int, list[float]]] = {}
+    for dataset_id, ids in ids_of_dataset.items():
+        with suppress(NotFound):  # the dataset was deleted
+            reader = DecisionReader(session, datasets.with_id(dataset_id))
+            boxes = reader.read_boxes(ids)
+            corners = zip(boxes.rows.box_ids, boxes.rectangles(), strict=True)
+            rectangles |= {
+                box_id: (frame_of[box_id], xyxy)
+                for box_id, xyxy in corners
+                if xyxy is not None
+            }
+    return rectangles
+
+
 class DecisionReader:
     """Reads current boxes of one dataset; made for one request."""
 
@@ -326,10 +355,10 @@ class DecisionReader:
             boxes.projected(edges=True),
         )
         covering = boxes.covering()
-        source_ids = self._source_ids(boxes, (by.box_id for by, _ in covering.values()))
+        source_ids = self._source_ids(boxes, (box for box, _, _ in covering.values()))
         named = {
-            row: covering_words(BoxName(source_ids[by.box_id], by.class_name), gap)
-            for row, (by, gap) in covering.items()
+            row: covering_words(BoxName(source_ids[by_box], class_name), gap)
+            for row, (by_box, class_name, gap) in covering.items()
         }
         evidence, of_boxes = boxes.evidence, boxes.doubts
         sentences = questions(of_boxes, evidence, self._config, boxes.decisions, named)
@@ -379,10 +408,10 @@ class DecisionReader:
         # Id and class of the boxes that explain these, by frame and position there.
         names: dict[int, dict[int, BoxName]] = {}
         explaining = boxes.explaining()
-        source_ids = self._source_ids(boxes, (box.box_id for box in explaining))
-        for box in explaining:
-            of_frame = names.setdefault(box.frame_id, {})
-            of_frame[box.position] = BoxName(source_ids[box.box_id], box.class_name)
+        source_ids = self._source_ids(boxes, (box for box, _ in explaining.values()))
+        for (frame_id, position), (box_id, class_name) in explaining.items():
+            of_frame = names.setdefault(frame_id, {})
+            of_frame[position] = BoxName(source_ids[box_id], class_name)
         return {
             key: FrameFacts(
                 key=frame.key,
@@ -412,15 +441,6 @@ class DecisionReader:
         if others:
             source_ids |= FrameRepository(self._session).source_ids(others)
         return source_ids
-
-
-class ExplainingBox(NamedTuple):
-    """A box that explains or covers another one of its frame, and its position."""
-
-    frame_id: int
-    position: int
-    box_id: int
-    class_name: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -534,19 +554,26 @@ class StoredBoxes:
         ).tolist()
         return neighbours
 
-    def explaining(self) -> list[ExplainingBox]:
-        """The boxes of the same frames that explain some of these."""
+    def explaining(self) -> dict[tuple[int, int], tuple[int, str]]:
+        """Id and class of the boxes of the same frames that explain some of these.
+
+        By their frame and their position in it.
+        """
         channels = self.evidence.channels
         if channels is None:
-            return []
-        rows = np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist()
-        boxes = (self._beside(row, int(channels.explained_by[row])) for row in rows)
-        return list({box.box_id: box for box in boxes}.values())
+            return {}
+        boxes = {}
+        for row in np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist():
+            position = int(channels.explained_by[row])
+            frame_id = self.rows.frame_ids[row]
+            boxes[frame_id, position] = self._beside(row, position)
+        return boxes
 
-    def covering(self) -> dict[int, tuple[ExplainingBox, float]]:
+    def covering(self) -> dict[int, tuple[int, str, float]]:
         """The box that covers most of each box in doubt for it, by the latter's row.
 
-        With how much farther from the camera it is, in metres; NaN: unknown.
+        Its id and class, and how much farther from the camera it is, in metres; NaN:
+        unknown.
         """
         covering_boxes = {}
         for row in np.flatnonzero(self.doubts.cause == Cause.COVERED).tolist():
@@ -556,19 +583,19 @@ class StoredBoxes:
             frame = self._records[start : start + count]
             at = most_covering(frame["xyxy"], frame["accept_mask"], position)
             gap = float(frame["distance"][at] - frame["distance"][position])
-            covering_boxes[row] = self._beside(row, at), gap
+            covering_boxes[row] = (*self._beside(row, at), gap)
         return covering_boxes
 
     def _first_of(self, row: int) -> int:
         return self.frames[self.rows.frame_ids[row]].first_box_id
 
-    def _beside(self, row: int, position: int) -> ExplainingBox:
-        """A box of the same frame as the box of this row, by its position there."""
-        frame_id, box_id = self.rows.frame_ids[row], self._first_of(row) + position
+    def _beside(self, row: int, position: int) -> tuple[int, str]:
+        """Id and class of the box of the same frame at this position there."""
+        box_id = self._first_of(row) + position
         # A frame's boxes follow each other in `_records`, as their ids do.
         place = self._place[row] + box_id - self.rows.box_ids[row]
         class_id = int(self._records["class_id"][place])
-        return ExplainingBox(frame_id, position, box_id, self._class_of[class_id])
+        return box_id, self._class_of[class_id]
 
     @cached_property
     def _class_of(self) -> dict[int, str]:

@@ -17,7 +17,7 @@ from app.access.gate import Audited
 from app.boxes import frames
 from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
-from app.boxes.drawing import PICTURES, TAR, Drawing, DrawnPictures
+from app.boxes.drawing import PICTURES, Drawing, DrawnPictures
 from app.boxes.filter import filters_of, to_filter
 from app.boxes.queries import FrameRepository, PageRequest
 from app.boxes.related import boxes_alike, track_of
@@ -48,7 +48,7 @@ from filter_core.values import similar
 from unghost.wire import boxes as wire
 from unghost.wire import frames as wire_frames
 from unghost.wire.model import Page
-from unghost.wire.words import FileKind
+from unghost.wire.words import TAR, FileKind
 
 
 async def drawn_response(

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.catalog.datasets import is_there, no_dataset
 from app.catalog.frames import KeyRow
-from app.db.base import Repository, existing
+from app.db.base import Repository, existing, insert_row
 from app.db.bulk import first_row, run
 from app.db.tables import ConfigVersion, Dataset, Frame, Measurement, Problem
 
@@ -48,8 +48,8 @@ class ConfigRepository(Repository):
         return existing(version, "config", digest)
 
     def add(self, version: ConfigVersion) -> ConfigVersion:
-        """Insert."""
-        return self.insert(version)
+        """Insert a version, which has its id afterwards."""
+        return insert_row(self._session, version)
 
     def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
         rows = select(ConfigVersion.id, ConfigVersion.digest).where(

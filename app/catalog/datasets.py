@@ -8,7 +8,7 @@ from typing import Final
 from sqlalchemy import ColumnElement, bindparam, exists, func, select, update
 from sqlalchemy.orm import Session
 
-from app.db.base import Repository, utc_now
+from app.db.base import Repository, insert_row, utc_now
 from app.db.bulk import run
 from app.db.tables import Box, Dataset, DatasetClass, Frame, Run, Tally
 from app.errors import Conflict, NoSuchDataset, NotFound, Unprocessable
@@ -88,7 +88,7 @@ class DatasetRepository(Repository):
         taken = self._session.scalar(select(Dataset.name).where(alike, is_there()))
         if taken is not None:
             raise Conflict(f"a dataset {taken!r} exists already", code="dataset_exists")
-        self.insert(dataset)
+        insert_row(self._session, dataset)
         self._append_classes(dataset.id, classes, start=0)
         return dataset
 

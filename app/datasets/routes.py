@@ -239,7 +239,7 @@ def list_problems(
 ) -> Response:
     """Frames that were refused and have not been stored since, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = newest(session, Problem, dataset_row.id, query.page)
+    rows = newest(session, Problem, dataset_row.id, query)
     refused = partial(wire.RefusedFrame.model_validate, from_attributes=True)
     return query.response(rows, refused)
 

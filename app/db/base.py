@@ -123,11 +123,12 @@ class Repository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def insert(self, row: _Row) -> _Row:
-        """Insert a row, which has its id afterwards."""
-        self._session.add(row)
-        self._session.flush()
-        return row
+
+def insert_row(session: Session, row: _Row) -> _Row:
+    """Insert a row, which has its id afterwards."""
+    session.add(row)
+    session.flush()
+    return row
 
 
 def response_of(model: type[_Response], row: Base, **more: object) -> _Response:

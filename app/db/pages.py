@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import unicodedata
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
 
 from sqlalchemy import Select, SQLColumnExpression, select
 from sqlalchemy.orm import Session
@@ -51,7 +52,8 @@ def number_and_id_of_cursor(cursor: str) -> tuple[float, int]:
     return place
 
 
-class NewestPage(NamedTuple):
+@dataclass(frozen=True)
+class NewestPage:
     """A page of rows, newest first: the rows before an id (None: the first page)."""
 
     before_id: int | None

@@ -50,7 +50,7 @@ def list_exports(
 ) -> Response:
     """Exports of a dataset, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = newest(session, tables.Export, dataset_row.id, query.page)
+    rows = newest(session, tables.Export, dataset_row.id, query)
     return query.response(rows, lambda export: exports.describe_export(export, dataset))
 
 
@@ -60,7 +60,7 @@ def list_versions(
 ) -> Response:
     """Versions of a dataset, that is, exports with a name, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = VersionRepository(session, dataset_row).page(query.page)
+    rows = VersionRepository(session, dataset_row).page(query)
     return query.response(rows, lambda export: exports.describe_export(export, dataset))
 
 

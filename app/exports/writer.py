@@ -18,21 +18,20 @@ from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.boxes.current import TallyRepository
-from app.boxes.queries import FileRow, FrameHead, FrameRepository, LatestAnswers
-from app.boxes.reader import DecisionReader, StoredDecision
+from app.boxes.queries import FileRow, FrameRepository, LatestAnswers
+from app.boxes.reader import DecisionReader
 from app.catalog.datasets import DatasetRepository
 from app.db.engine import once_committed
-from app.db.tables import Dataset, Export
+from app.db.tables import Dataset, Export, Frame
 from app.engine.children import PixelPool
 from app.exports.queries import VersionRepository
 from app.jobs.kind import Task
 from app.measuring.active import active_digest
-from app.measuring.queries import EvidenceRow
 from app.storage.base import BlobsUncertain
 from app.storage.room import DeletionSignal
 from filter_core.formats import export as formats
@@ -45,7 +44,7 @@ from filter_core.images.drawing import DrawnBox, png_with_boxes
 from filter_core.pipeline import named_class
 from filter_core.segmentation.reading import SegmentationOptions, in_colors
 from filter_core.values import JsonObject, as_text
-from filter_core.verdicts import DecidedBoxes, DecisionColumns
+from filter_core.verdicts import DecidedBoxes
 
 _FRAMES_AT_A_TIME: Final = 200
 """Frames whose rows are read together."""
@@ -203,37 +202,42 @@ class ExportFrames:
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
     def __iter__(self) -> Iterator[formats.ExportFrame]:
-        frames = FrameRepository(self._session)
-        after = ""
-        while heads := frames.next_frames(
+        repository, after = FrameRepository(self._session), ""
+        while frames := repository.next_frames(
             self._dataset.id, after=after, limit=_FRAMES_AT_A_TIME
         ):
-            content = self._content(heads)
-            for head in heads:
-                rows = content.rows.get(head.id, _NO_ROWS)
-                digest = _digest_of(head, content.labels[rows])
-                self.digests[head.key] = digest
-                self.boxes += rows.stop - rows.start
-                if self.known.get(head.key) != digest:
-                    yield self._frame(head, content)
-            after = heads[-1].key
+            yield from self._read_together(frames)
+            after = frames[-1].key
 
-    def _content(self, heads: Sequence[FrameHead]) -> _Content:
-        """The data of several frames that is read at once."""
-        frames, needs = FrameRepository(self._session), self._needs
-        ids = [head.id for head in heads]
+    def _read_together(self, frames: Sequence[Frame]) -> Iterator[formats.ExportFrame]:
+        """Several frames, whose data is read at once."""
+        repository, needs = FrameRepository(self._session), self._needs
+        ids = [frame.id for frame in frames]
         boxes = self._reader.read_frames(ids)
-        return _Content(
-            boxes.frames,
-            boxes.labels,
-            boxes.rows_by_frame(),
-            annotations=frames.annotation_texts(ids) if "annotation" in needs else {},
-            files=frames.files(ids) if "image" in needs else {},
-            decisions=self._reader.records(boxes) if "decisions" in needs else (),
-            columns=(
-                self._reader.columns(boxes) if "decision_columns" in needs else None
-            ),
-        )
+        rows_by_frame = boxes.rows_by_frame()
+        texts = repository.annotation_texts(ids) if "annotation" in needs else {}
+        files = repository.files(ids) if "image" in needs else {}
+        decisions = self._reader.records(boxes) if "decisions" in needs else ()
+        columns = self._reader.columns(boxes) if "decision_columns" in needs else None
+        for frame in frames:
+            rows = rows_by_frame.get(frame.id, _NO_ROWS)
+            labels, evidence = boxes.labels[rows], boxes.frames.get(frame.id)
+            digest = _digest_of(frame, labels)
+            self.digests[frame.key] = digest
+            self.boxes += len(labels)
+            if self.known.get(frame.key) == digest:
+                continue
+            yield replace(
+                self._frame(
+                    frame,
+                    labels,
+                    text=texts.get(frame.id, "{}"),
+                    files=files.get(frame.id, {}),
+                    palette=None if evidence is None else evidence.palette,
+                ),
+                decisions=decisions[rows],
+                columns=None if columns is None else columns[rows],
+            )
 
     def _draw(self, digest: str, boxes: Sequence[DrawnBox]) -> bytes:
         return self._drawers.run(png_with_boxes, self._read(digest), boxes)
@@ -245,15 +249,17 @@ class ExportFrames:
         options = SegmentationOptions(palette=palette)
         return self._drawers.run(in_colors, content, options)
 
-    def _frame(self, frame: FrameHead, content: _Content) -> formats.ExportFrame:
-        wh = (frame.width, frame.height)
-        text = content.annotations.get(frame.id, "{}")
-        files = content.files.get(frame.id, {})
-        image = files.get("image")
-        evidence = content.evidence.get(frame.id)
-        palette = None if evidence is None else evidence.palette
-        rows = content.rows.get(frame.id, _NO_ROWS)
-        columns = content.columns
+    def _frame(
+        self,
+        frame: Frame,
+        boxes: DecidedBoxes,
+        *,
+        text: str,
+        files: Mapping[str, FileRow],
+        palette: str | None,
+    ) -> formats.ExportFrame:
+        """A frame without its decisions; `text` is its annotation, as stored."""
+        wh, image = (frame.width, frame.height), files.get("image")
         # Whether an annotation may have the labels of a format of this name.
         has_labels = f'"{SOURCE_LABELS}"' in text
         annotation = formats.GivenAnnotation(
@@ -266,7 +272,7 @@ class ExportFrames:
         return formats.ExportFrame(
             key=frame.key,
             wh=wh,
-            boxes=content.labels[rows],
+            boxes=boxes,
             given=annotation,
             map=frame.map,
             sequence=as_text(said.get("sequence")),
@@ -283,12 +289,10 @@ class ExportFrames:
             },
             draw=partial(self._draw, image.sha256) if image else None,
             palette=palette,
-            decisions=content.decisions[rows],
-            columns=None if columns is None else columns[rows],
         )
 
 
-def _digest_of(frame: FrameHead, boxes: DecidedBoxes) -> str:
+def _digest_of(frame: Frame, boxes: DecidedBoxes) -> str:
     """Digest of a frame's files and annotation, of its decisions, and of answers."""
     names = [boxes.class_names[index] for index in boxes.class_index.tolist()]
     digest = hashlib.sha256(frame.content_digest.encode())
@@ -306,21 +310,6 @@ def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:
             if sent in renamed:
                 box["class"] = renamed[sent]
     return annotation
-
-
-class _Content(NamedTuple):
-    """The data of several frames that is read at once; mappings have frame ids as keys.
-
-    `rows` are the rows of a frame in `labels`, `decisions` and `columns`.
-    """
-
-    evidence: Mapping[int, EvidenceRow]
-    labels: DecidedBoxes
-    rows: Mapping[int, slice]
-    annotations: Mapping[int, str]
-    files: Mapping[int, Mapping[str, FileRow]]
-    decisions: Sequence[StoredDecision]
-    columns: DecisionColumns | None
 
 
 class ReproducibleZip:

@@ -20,8 +20,8 @@ router = ApiRouter(prefix="/api/v1", tag="hooks")
 @router.get("/hooks", response_model=Page[Hook])
 def list_hooks(caller: Admin, query: Newest, session: ReadSession) -> Response:
     """All hooks, newest first; without their secrets."""
-    rows = HookRepository(session).page(query.page)
-    listed = rows[: query.page.limit]
+    rows = HookRepository(session).page(query)
+    listed = rows[: query.limit]
     following = str(listed[-1][0].id) if len(rows) > len(listed) else None
     items = [hooks.describe_hook(hook, dataset) for hook, dataset in listed]
     return page_response(query.request, items, following)
@@ -50,7 +50,7 @@ def list_deliveries(
     """What was and will be sent to a hook, newest first; of those that are over, the
     newest 200."""
     hook = HookRepository(session).with_id(hook_id)
-    rows = DeliveryRepository(session).page(hook.id, query.page)
+    rows = DeliveryRepository(session).page(hook.id, query)
     return query.response(rows, hooks.describe_delivery)
 
 

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.catalog.datasets import DatasetRepository
-from app.db.base import response_of
+from app.db.base import insert_row, response_of
 from app.db.tables import Hook, HookDelivery
 from app.errors import Unprocessable
 from app.hooks.queries import DeliveryRepository, HookRepository
@@ -75,7 +75,7 @@ def create_hook(
         secret=secret,
         created_by=audit.name,
     )
-    HookRepository(audit.session).insert(hook)
+    insert_row(audit.session, hook)
     audit.note(AuditAction.HOOK_CREATED, hook.id, url=hook.url, dataset=request.dataset)
     shown = describe_hook(hook, request.dataset)
     return wire.NewHook(**dict(shown), secret=secret)

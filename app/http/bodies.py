@@ -137,28 +137,17 @@ MAX_PART_HEADER_BYTES: Final = 4096
 """Bytes of one header of a part; parsing takes time quadratic in its parameters."""
 
 
-@dataclass(frozen=True)
-class PartLimits:
-    """The maximum number of parts of a form, and the maximum size of each."""
-
-    max_parts: int
-    max_part_bytes: int
-
-
-@dataclass(frozen=True)
-class FormPart:
-    """A field or a file of a form; the names of files are ignored."""
-
-    name: str
-    content: bytes
-
-
 async def read_parts(
-    media_type: str, stream: AsyncIterable[bytes], limits: PartLimits
-) -> list[FormPart]:
-    """The parts of a form in the order they were sent.
+    media_type: str,
+    stream: AsyncIterable[bytes],
+    *,
+    max_parts: int,
+    max_part_bytes: int,
+) -> list[tuple[str, bytes]]:
+    """The fields and files of a form, each with its name, in the order they were sent.
 
-    `media_type` is the Content-Type, which names the boundary.
+    The names of files are ignored. `media_type` is the Content-Type, which names the
+    boundary; `max_part_bytes` is the maximum size of each part.
 
     Raises BadRequest: ``bad_multipart``: the body is not a form, or is incomplete;
     TooLarge: it has too many parts, or too large a part; the rest is not read.
@@ -171,7 +160,7 @@ async def read_parts(
     boundary = parse_options_header(media_type)[1].get(b"boundary")
     if not boundary:
         raise _unreadable("it has no boundary")
-    form = _Form(limits)
+    form = _Form(max_parts, max_part_bytes)
     try:
         parser = MultipartParser(
             boundary,
@@ -198,8 +187,9 @@ def _unreadable(reason: str) -> BadRequest:
 class _Form:
     """The parts that the parser has found so far."""
 
-    limits: PartLimits
-    parts: list[FormPart] = field(default_factory=list)
+    max_parts: int
+    max_part_bytes: int
+    parts: list[tuple[str, bytes]] = field(default_factory=list)
     is_complete: bool = False
 
     def callbacks(self) -> dict[str, object]:
@@ -207,8 +197,8 @@ class _Form:
         return {name: getattr(self, name) for name in vars(_Form) if name[:3] == "on_"}
 
     def on_part_begin(self) -> None:
-        if len(self.parts) == self.limits.max_parts:
-            raise TooLarge(f"the form has more than {self.limits.max_parts} parts")
+        if len(self.parts) == self.max_parts:
+            raise TooLarge(f"the form has more than {self.max_parts} parts")
         self._name = ""
         self._disposition = self._header = self._value = b""
         self._content = Pieces()
@@ -231,14 +221,14 @@ class _Form:
         self._name = options[b"name"].decode("utf-8", "replace")
 
     def on_part_data(self, data: bytes, start: int, end: int) -> None:
-        if len(self._content) + end - start > self.limits.max_part_bytes:
+        if len(self._content) + end - start > self.max_part_bytes:
             raise TooLarge(
-                f"part {self._name!r} is larger than {self.limits.max_part_bytes} bytes"
+                f"part {self._name!r} is larger than {self.max_part_bytes} bytes"
             )
         self._content += memoryview(data)[start:end]
 
     def on_part_end(self) -> None:
-        self.parts.append(FormPart(self._name, bytes(self._content)))
+        self.parts.append((self._name, bytes(self._content)))
 
     def on_end(self) -> None:
         self.is_complete = True

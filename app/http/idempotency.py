@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import timedelta
 from typing import Final
 
@@ -27,7 +27,7 @@ from app.errors import BadRequest, IdempotencyKeyReuse
 _KEY: Final = re.compile(r"[\x21-\x7e]{1,200}")
 _STORED_HEADERS: Final = ("location", "etag")
 _LACKS_RESPONSE: Final = "request whose response is not stored"
-"""Key of `Session.info`: the `RepeatableRequest` until its response is stored."""
+"""Key of `Session.info`: the conditions of the row that is to get the response."""
 
 
 class RepeatedRequest(Exception):
@@ -36,19 +36,6 @@ class RepeatedRequest(Exception):
     def __init__(self, response: Response) -> None:
         super().__init__("this request is repeated")
         self.response = response
-
-
-@dataclass(frozen=True)
-class RepeatableRequest:
-    """A request with an Idempotency-Key; equal digests mean equal requests.
-
-    `keep` is how long its response is stored.
-    """
-
-    token_id: int
-    key: str
-    digest: str
-    keep: timedelta
 
 
 def checked_key(key: str) -> str:
@@ -70,23 +57,26 @@ def request_digest(*parts: bytes) -> str:
     return digest.hexdigest()
 
 
-def take_key_on_begin(session: Session, request: RepeatableRequest) -> None:
-    """Take the key when this session's transaction begins.
+def take_key_on_begin(
+    session: Session, *, token_id: int, key: str, digest: str, keep: timedelta
+) -> None:
+    """Take an Idempotency-Key when this session's transaction begins.
 
-    Not earlier: a request must hold no lock while it computes before it writes. If the
+    Not earlier: a request must hold no lock while it computes before it writes. Equal
+    digests mean equal requests, and `keep` is how long the response is stored. If the
     key is taken, the statement that begins the transaction raises `RepeatedRequest`, or
     IdempotencyKeyReuse if the key was used for another request.
     """
-    session.info[_LACKS_RESPONSE] = request
+    has_key = (IdempotencyKey.token_id == token_id, IdempotencyKey.key == key)
+    session.info[_LACKS_RESPONSE] = has_key
 
     def take(_session: Session, _begun: object, connection: Connection) -> None:
-        has_key = _has_key_of(request)
-        is_too_old = IdempotencyKey.created_at < utc_now() - request.keep
+        is_too_old = IdempotencyKey.created_at < utc_now() - keep
         connection.execute(delete(IdempotencyKey).where(*has_key, is_too_old))
         row = {
-            "token_id": request.token_id,
-            "key": request.key,
-            "request_digest": request.digest,
+            "token_id": token_id,
+            "key": key,
+            "request_digest": digest,
             "status": 0,
             "media_type": "",
             "headers": "{}",
@@ -101,9 +91,9 @@ def take_key_on_begin(session: Session, request: RepeatableRequest) -> None:
             stored = connection.execute(select(IdempotencyKey).where(*has_key)).one()
         else:
             return
-        if stored.request_digest != request.digest:
+        if stored.request_digest != digest:
             raise IdempotencyKeyReuse(
-                f"Idempotency-Key {request.key!r} was used for another request"
+                f"Idempotency-Key {key!r} was used for another request"
             )
         headers = {**json.loads(stored.headers), "Idempotent-Replayed": "true"}
         if stored.media_type:
@@ -123,10 +113,10 @@ def store_response(session: Session, response: Response) -> None:
 
     One with ``no-store``, such as a secret, is not stored; the key is deleted instead.
     """
-    request: RepeatableRequest | None = session.info.pop(_LACKS_RESPONSE, None)
-    if request is None:
+    has_key: Sequence[ColumnElement[bool]] = session.info.pop(_LACKS_RESPONSE, ())
+    if not has_key:
         return
-    connection, has_key = session.connection(), _has_key_of(request)
+    connection = session.connection()
     headers, body = response.headers, getattr(response, "body", None)
     if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
         connection.execute(delete(IdempotencyKey).where(*has_key))
@@ -145,10 +135,3 @@ def forget_old_responses(session: Session, keep: timedelta) -> None:
     """Delete responses that are older than `keep`."""
     cutoff = utc_now() - keep
     session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
-
-
-def _has_key_of(request: RepeatableRequest) -> tuple[ColumnElement[bool], ...]:
-    return (
-        IdempotencyKey.token_id == request.token_id,
-        IdempotencyKey.key == request.key,
-    )

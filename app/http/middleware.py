@@ -24,7 +24,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.engine.chunk import Stop
-from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow, forget_frames
+from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow
 from app.http.bodies import stopping
 from app.http.problems import refusal_of
 from app.incoming import HeldBytes
@@ -35,6 +35,7 @@ from app.logs import (
     log_access,
     logged_with,
 )
+from app.memory import forget_tracebacks
 from app.metrics import RequestMetrics
 from app.security import SAFE_METHODS, host_name
 from app.settings import ANY_HOST, bracketed
@@ -251,7 +252,7 @@ class Problems(HttpMiddleware):
             response = refusal_of(exc).response(
                 instance=scope["path"], request_id=current_request_id.get()
             )
-            forget_frames(exc)
+            forget_tracebacks(exc)
             await response(scope, receive, send)
 
 

@@ -27,11 +27,10 @@ _Row = TypeVar("_Row", bound=_HasId)
 
 
 @dataclass(frozen=True)
-class NewestFirst:
-    """A request for a page of a list with the newest rows first."""
+class NewestFirst(NewestPage):
+    """The page of a list with the newest rows first that a request asks for."""
 
     request: Request
-    page: NewestPage
 
     def response(
         self,
@@ -39,7 +38,7 @@ class NewestFirst:
         describe: Callable[[_Row], Mapping[str, object] | ResponseModel],
     ) -> Response:
         """The response with these rows: one more than fit if there is a next page."""
-        listed = rows[: self.page.limit]
+        listed = rows[: self.limit]
         following = str(listed[-1].id) if len(rows) > len(listed) else None
         return page_response(self.request, [describe(row) for row in listed], following)
 
@@ -49,7 +48,7 @@ async def newest_first(
 ) -> NewestFirst:
     """The page that a request names by its parameters."""
     before_id = None if cursor is None else id_of_cursor(cursor)
-    return NewestFirst(request, NewestPage(before_id, limit))
+    return NewestFirst(before_id, limit, request)
 
 
 _JSON: Final = TypeAdapter(object)

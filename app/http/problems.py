@@ -23,6 +23,7 @@ from starlette.routing import Match
 from app import errors
 from app.errors import AppError
 from app.logs import current_request_id, error_log
+from app.memory import forget_tracebacks
 from filter_core.errors import FilterError, NotAvailable, problem_of
 from filter_core.values import pointer_token, similar
 from unghost.wire.frames import CROPS_PATTERN
@@ -156,7 +157,7 @@ async def _respond(request: Request, exc: Exception) -> Response:
         refusal = _invalid_request(exc, body.field_info.annotation)
     else:
         refusal = refusal_of(exc)
-    errors.forget_frames(exc)
+    forget_tracebacks(exc)
     path = request.url.path
     if refusal.status == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = ", ".join(_methods_at(request))

@@ -160,7 +160,7 @@ class OpenRoute(HeadRoute):
         """Whether the endpoint has a transaction that writes."""
         return write_session in _calls(self.dependant)
 
-    async def admit(self, request: Request) -> None:
+    async def check_before_body(self, request: Request) -> None:
         """Limit the size and time of the body, for a caller that is not identified."""
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(min(self.max_body_bytes(request), MAX_UNASKED_BYTES))
@@ -183,7 +183,7 @@ class OpenRoute(HeadRoute):
         takes_json = self.takes_json
 
         async def checked(request: Request) -> Response:
-            await self.admit(request)
+            await self.check_before_body(request)
             _check_parameters(request, names)
             if takes_json:
                 _expect_json(request)
@@ -217,7 +217,7 @@ class ApiRoute(OpenRoute):
             self.description += f"\n\n{needed}"
         return super().get_route_handler()
 
-    async def admit(self, request: Request) -> None:
+    async def check_before_body(self, request: Request) -> None:
         """Check the role of the caller, and limit the body.
 
         Its size is limited, and for JSON also the time until it has arrived. Other

@@ -33,7 +33,6 @@ from app.errors import DatabaseBusy
 from app.http.bodies import run_off_loop
 from app.http.deps import Gate, admission_of, database_of, settings_of
 from app.http.idempotency import (
-    RepeatableRequest,
     RepeatedRequest,
     lacks_response,
     request_digest,
@@ -88,9 +87,11 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
             gate.require_valid(connection, principal)
 
         event.listen(session, "after_begin", check, once=True)
-    repeatable: RepeatableRequest | None = getattr(request.state, "repeatable", None)
-    if repeatable is not None:
-        take_key_on_begin(session, repeatable)
+    take_key: Callable[[Session], None] | None = getattr(
+        request.state, "take_key", None
+    )
+    if take_key is not None:
+        take_key(session)
     try:
         yield session
     except BaseException as exc:
@@ -131,13 +132,14 @@ async def respond_once(
         f"{url.path}?{url.query}".encode(),
         request.headers.get("content-type", "").encode(),
     )
-    request.state.repeatable = RepeatableRequest(
-        request.state.principal.token_id,
-        key,
-        await run_off_loop(
+    request.state.take_key = partial(
+        take_key_on_begin,
+        token_id=request.state.principal.token_id,
+        key=key,
+        digest=await run_off_loop(
             request, await request.body(), partial(request_digest, *about)
         ),
-        timedelta(hours=settings_of(request).idempotency_hours),
+        keep=timedelta(hours=settings_of(request).idempotency_hours),
     )
     response = await endpoint(request)
     session: Session = request.state.write_session

@@ -90,8 +90,8 @@ class ArchiveFrames:
             yield frame
 
     def _take(self, chunk: bytes) -> None:
-        for member in self._tar.feed(chunk):
-            self._ready.extend(self._frames.add(member))
+        for name, content in self._tar.feed(chunk):
+            self._ready.extend(self._frames.add(name, content))
         self._held.hold(self._size_bytes)
 
     def _given(self) -> Iterator[UploadedFrame]:

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import TooLarge
-from app.ingest.tar import Member
 from filter_core.config.file import parse_yaml
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.kitti import KITTI
@@ -111,20 +110,23 @@ class SentFolder:
         self._folders: set[str] = {""}
         self._files = 0
 
-    def add(self, member: Member) -> None:
-        """Write a file; TooLarge if there are more files and folders than allowed."""
-        why = _why_not(member.name, self.root)
-        if why is None and member.content is None:
+    def add(self, name: str, content: bytes | None) -> None:
+        """Write a file, whose content is None if it is larger than allowed.
+
+        TooLarge if there are more files and folders than allowed.
+        """
+        why = _why_not(name, self.root)
+        if why is None and content is None:
             why = f"larger than {self._most_file_bytes} bytes"
         if why is None:
-            why = self._write(member.name, member.content or b"")
+            why = self._write(name, content or b"")
         if why is not None:
-            self.refused.append((member.name, why))
+            self.refused.append((name, why))
         elif (
-            len(member.content or b"") in _NOT_WHOLE
-            and split_name(member.name)[1].lower() in IMAGE_SUFFIXES
+            len(content or b"") in _NOT_WHOLE
+            and split_name(name)[1].lower() in IMAGE_SUFFIXES
         ):
-            self.absent.append(member.name)
+            self.absent.append(name)
         self._files += 1
         if self._files + len(self._folders) - 1 > self._most_files:
             raise TooLarge(
@@ -191,46 +193,30 @@ def _why_not(name: str, root: Path) -> str | None:
     return "it is nested too deep" if len(parts) > MOST_DEPTH else None
 
 
-@dataclass(frozen=True)
-class FolderTask:
-    """The arguments of a child process that reads the folder `root`.
-
-    `layout` is one of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
-    `refused` are files that are not in the folder, each with the reason, and `absent`
-    images that were not sent whole. The file `response` gets at most `most_bytes`.
-    """
-
-    root: Path
-    response: Path
-    layout: str
-    refused: tuple[tuple[str, str], ...]
-    absent: tuple[str, ...]
-    most_bytes: int
-
-
-def write_response(task: FolderTask) -> int:
+def write_response(sent: SentFolder, layout: str, most_bytes: int) -> int:
     """Read a folder, inspect it, and write the response, as lines of JSON.
 
+    `layout` is one of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
     A folder that cannot be read has no frames; its inspection says why. Returns the
-    size of the response in bytes. Raises LayoutError: there is a fault in
-    ``recording.yaml``, or the response would be too large.
+    size of the response in bytes, at most `most_bytes`. Raises LayoutError: there is a
+    fault in ``recording.yaml``, or the response would be too large.
     """
     # The only folder there, if there is nothing else.
-    visible = [path for path in task.root.iterdir() if not is_hidden(path.name)]
-    only = visible[0] if len(visible) == 1 else task.root
-    source = only if only.is_dir() else task.root
+    visible = [path for path in sent.root.iterdir() if not is_hidden(path.name)]
+    only = visible[0] if len(visible) == 1 else sent.root
+    source = only if only.is_dir() else sent.root
     # There are no links here, and `_name_of` refuses every file that was not sent: its
     # message fits the page better than the reader's, which names an option.
-    named = {} if task.layout == "auto" else {"layout": task.layout}
+    named = {} if layout == "auto" else {"layout": layout}
     description = describe_source(source, options={"outside_files": None, **named})
     opened = open_recording(source, description)
     if opened.layout == KITTI.name or description.cameras.places:
-        opened = _with_sizes(opened, task)
+        opened = _with_sizes(opened, sent)
     layouts = opened.layouts
     if description.own_layout != "auto":
         layouts = possible_layouts(source, description) or layouts
     settings = description.segmentation_settings()
-    with _Response(task, source) as response:
+    with _Response(sent, source, most_bytes) as response:
         response.write(
             wire.FolderHead.model_validate(
                 {
@@ -256,7 +242,7 @@ def write_response(task: FolderTask) -> int:
             source,
             response.writing_frames(opened),
             Sampling(
-                absent={f"{task.root}{os.sep}{name}" for name in task.absent},
+                absent={f"{sent.root}{os.sep}{name}" for name in sent.absent},
                 workers=_LOOKING,
             ),
         )
@@ -274,15 +260,15 @@ def write_response(task: FolderTask) -> int:
         return response.size
 
 
-def _with_sizes(opened: OpenedRecording, task: FolderTask) -> OpenedRecording:
+def _with_sizes(opened: OpenedRecording, sent: SentFolder) -> OpenedRecording:
     """A recording whose cameras need the size of each image, also of those not sent.
 
     They get that of the images in their folder that were sent whole, if all of these
     have the same; the upload compares it with the image.
     """
     absent: dict[Path, list[Path]] = {}
-    for name in task.absent:
-        path = task.root / name
+    for name in sent.absent:
+        path = sent.root / name
         if not path.stat().st_size:
             absent.setdefault(path.parent, []).append(path)
     notes, frames = [], opened.frames
@@ -299,7 +285,7 @@ def _with_sizes(opened: OpenedRecording, task: FolderTask) -> OpenedRecording:
             path.unlink()  # all empty files are links to one
             path.write_bytes(head)
         notes.append(
-            f"{len(paths)} images such as {_relative(paths[0], task.root)} are taken "
+            f"{len(paths)} images such as {_relative(paths[0], sent.root)} are taken "
             f"to have the size of those beside them, {width} x {height} px"
         )
     with_sizes = replace(frames, notes=lambda: (*frames.notes(), *notes))
@@ -313,7 +299,7 @@ def _shown(
     path, own = source / RECORDING_NAME, None
     if path.is_file():
         own = parse_yaml(read_label_bytes(path, path.name))
-    root = response.task.root
+    root = response.sent.root
     used = Counter(folder_of(f"{root}{os.sep}{name}") for name in response.used)
     left = companions(source, frames, used)
     palette = inspection.segmentation and inspection.segmentation.family
@@ -388,8 +374,9 @@ def _painted(frame: DrawnFrame) -> wire.PaintedFrame:
 class _Response:
     """Writes the lines of the response, and counts them."""
 
-    task: FolderTask
+    sent: SentFolder
     source: Path
+    most_bytes: int
     layout: str = ""
     frames: int = 0
     faulty: int = 0
@@ -398,11 +385,11 @@ class _Response:
     used: set[str] = field(default_factory=set)
 
     def __enter__(self) -> _Response:
-        self._file = self.task.response.open("wb")
-        prefix = f"{self.task.root}{os.sep}"
+        self._file = self.sent.response.open("wb")
+        prefix = f"{self.sent.root}{os.sep}"
         self._names = {
             f"{folder}{os.sep}{name}".removeprefix(prefix).replace(os.sep, "/")
-            for folder, _, files in os.walk(self.task.root)
+            for folder, _, files in os.walk(self.sent.root)
             for name in files
         }
         return self
@@ -413,7 +400,7 @@ class _Response:
     @property
     def top(self) -> str:
         """What stands before the names of files in the folder that is read."""
-        name = _relative(self.source, self.task.root)
+        name = _relative(self.source, self.sent.root)
         return "" if name == "." else f"{name}/"
 
     def write(self, line: ResponseModel) -> None:
@@ -421,9 +408,9 @@ class _Response:
 
     def _write(self, line: bytes) -> None:
         self.size += len(line) + 1
-        if self.size > self.task.most_bytes:
+        if self.size > self.most_bytes:
             raise LayoutError(
-                f"the description of this folder is larger than {self.task.most_bytes} "
+                f"the description of this folder is larger than {self.most_bytes} "
                 "bytes; unghost push takes folders of any size"
             )
         self._file.write(line + b"\n")
@@ -450,15 +437,16 @@ class _Response:
         self.frames += 1
         try:
             line = self._frame(source, doubt)
-        except LayoutError as fault:
+        except LayoutError as error:
             self.faulty += 1
-            told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
             frame = wire.FolderFrame(
                 key=source.key,
                 annotation=None,
                 annotation_text=None,
                 files={},
-                fault=told,
+                fault=Fault(
+                    pointer=error.pointer, code=error.kind, detail=error.detail
+                ),
             )
             line = _json(frame.model_dump())
         self._write(line)
@@ -495,7 +483,7 @@ class _Response:
 
     def _name_of(self, kind: str, path: Path) -> str:
         """The name of a sent file; a manifest may name files that were not sent."""
-        name = _relative(path, self.task.root)
+        name = _relative(path, self.sent.root)
         if name in self._names:
             return name
         inside = path.is_relative_to(self.source)
@@ -505,7 +493,7 @@ class _Response:
     def write_unmatched(self, frames: FrameSet) -> None:
         listed = [(file.path, file.why) for file in frames.unmatched]
         strange = self._strange(frames.layout, {path for path, _ in listed})
-        for path, why in (*self.task.refused, *listed, *strange):
+        for path, why in (*self.sent.refused, *listed, *strange):
             self.unmatched += 1
             self.write(wire.UnmatchedFile(path=path, why=why))
 
@@ -517,8 +505,8 @@ class _Response:
         manifest = manifest_of(self.source) if layout == MANIFEST.name else None
         used = {
             *self.used,
-            *([_relative(manifest, self.task.root)] if manifest else []),
-            _relative(self.source / RECORDING_NAME, self.task.root),
+            *([_relative(manifest, self.sent.root)] if manifest else []),
+            _relative(self.source / RECORDING_NAME, self.sent.root),
         }
         for name in sorted(self._names - used):
             if any(map(is_hidden, name.split("/"))):

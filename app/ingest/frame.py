@@ -1,4 +1,4 @@
-"""The stages of a frame's ingestion: uploaded, ready (measured), stored.
+"""The stages of a frame's ingestion: uploaded, ready (measured), accepted.
 
 Each stage is a type, the input of the next step; `app.ingest.service` has the steps. A
 frame may also be refused, as a `RefusedFrame`.
@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from app.boxes.queries import FileRow
-from app.errors import AppError, forget_frames
+from app.errors import AppError
 from app.measuring.active import ActiveDataset
+from app.memory import forget_tracebacks
 from app.security import Principal
 from app.storage.base import Drafts
 from filter_core.pipeline import MeasuredFrame
@@ -81,29 +82,21 @@ class ReadyFrame:
 
 
 @dataclass(frozen=True)
-class SetAside:
-    """Answers on a replaced frame whose boxes have changed or are gone.
-
-    `answers` counts them; `boxes` are the ids of the first of these boxes.
-    """
-
-    answers: int = 0
-    boxes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class StoredFrame:
+class AcceptedFrame:
     """A frame that is in the database.
 
     If this upload has stored it, it is a `NewFrame` (`app.ingest.rows`). `verdicts` are
-    the numbers of its boxes by verdict; None if they have not been counted. `set_aside`
-    are answers on the revision that this upload has replaced.
+    the numbers of its boxes by verdict; None if they have not been counted. Of answers
+    on the revision that this upload has replaced, whose boxes have changed or are gone,
+    `answers_set_aside` is the number, and `boxes_set_aside` has the ids of the first of
+    these boxes.
     """
 
     key: str
     frame_id: int
     verdicts: VerdictCounts | None = None
-    set_aside: SetAside = SetAside()
+    answers_set_aside: int = 0
+    boxes_set_aside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,10 +108,10 @@ class RefusedFrame:
 
     def __post_init__(self) -> None:
         """Drop the error's tracebacks, which refer to the frame's data."""
-        forget_frames(self.error)
+        forget_tracebacks(self.error)
 
 
-EndedFrame: TypeAlias = StoredFrame | RefusedFrame
+EndedFrame: TypeAlias = AcceptedFrame | RefusedFrame
 """The final result for a frame."""
 PreparedFrame: TypeAlias = ReadyFrame | EndedFrame
 """A frame after `prepare_frame`: ready for the transaction, or a final result."""

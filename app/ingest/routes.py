@@ -26,7 +26,7 @@ from app.catalog.frames import key_rows
 from app.context import ServiceContext
 from app.engine.children import CallCancelled
 from app.errors import Unprocessable, UnsupportedMedia
-from app.http.bodies import PartLimits, UntilStopped, read_parts, stopping
+from app.http.bodies import UntilStopped, read_parts, stopping
 from app.http.deps import (
     AppServices,
     DatasetName,
@@ -44,7 +44,7 @@ from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left, stream
 from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
 from app.ingest.check import KINDS
-from app.ingest.folder import MOST_LONGER, FolderTask, SentFolder, write_response
+from app.ingest.folder import MOST_LONGER, SentFolder, write_response
 from app.ingest.frame import EndedFrame, RefusedFrame, UploadedFrame, UploadRequest
 from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
@@ -56,8 +56,8 @@ from filter_core.formats.recording import known_layouts
 from unghost.wire import folders
 from unghost.wire import frames as wire
 from unghost.wire.model import Problem, ResponseModel
+from unghost.wire.words import TAR
 
-ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
@@ -67,7 +67,7 @@ folders_router = ApiRouter(prefix="/api/v1", tag="frames")
 ARCHIVE_BODY: Final = {
     "requestBody": {
         "required": True,
-        "content": {ARCHIVE: {"schema": {"type": "string", "format": "binary"}}},
+        "content": {TAR: {"schema": {"type": "string", "format": "binary"}}},
     }
 }
 
@@ -116,9 +116,9 @@ async def post_batch(
 def expect_archive(request: Request) -> None:
     """Refuse a body whose headers do not declare a plain tar."""
     media_type = request.headers.get("content-type", "")
-    if media_type.partition(";")[0].strip().lower() != ARCHIVE:
+    if media_type.partition(";")[0].strip().lower() != TAR:
         raise UnsupportedMedia(
-            f"expected {ARCHIVE}, found {media_type or 'no media type'!r}"
+            f"expected {TAR}, found {media_type or 'no media type'!r}"
         )
     coding = request.headers.get("content-encoding", "identity")
     if coding.lower() != "identity":
@@ -173,19 +173,19 @@ class BatchResponse(Response):
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
         places = admission_of(self._request).batches
         intake = BatchIntake(self._services, self._common, places)
-        told: Counter[str] = Counter(stored=0, same=0, refused=0)
+        counts: Counter[str] = Counter(stored=0, same=0, refused=0)
         why: dict[str, Problem] = {}
         try:
             async for ended in intake.ended(aiter(frames)):
-                yield b"".join([self._told(frame, told) for frame in ended])
+                yield b"".join([self._line_of(frame, counts) for frame in ended])
                 del ended  # free them while waiting for the next
         except ClientDisconnect:
             return  # the response cannot be delivered
         except Exception as error:
             why["problem"] = self._problem(error)
-        yield _line(wire.BatchEnd(end=True, frames=told.total(), **why, **told))
+        yield _line(wire.BatchEnd(end=True, frames=counts.total(), **why, **counts))
 
-    def _told(self, frame: EndedFrame, told: Counter[str]) -> bytes:
+    def _line_of(self, frame: EndedFrame, counts: Counter[str]) -> bytes:
         """The line of a frame; also counts the frame."""
         if isinstance(frame, RefusedFrame):
             status, kind = refusal_of(frame.error).status, "refused"
@@ -207,12 +207,12 @@ class BatchResponse(Response):
                 status=status,
                 frame_id=frame.frame_id,
                 decisions=frame.verdicts,
-                answers_set_aside=frame.set_aside.answers,
-                boxes_set_aside=frame.set_aside.boxes,
+                answers_set_aside=frame.answers_set_aside,
+                boxes_set_aside=frame.boxes_set_aside,
                 **({"notes": notes} if notes else {}),
             )
         self._request.app.state.metrics.observe_frame(status)
-        told[kind] += 1
+        counts[kind] += 1
         return _line(line)
 
     def _problem(self, error: Exception) -> Problem:
@@ -222,8 +222,8 @@ class BatchResponse(Response):
 
 
 def _line(line: wire.BatchLine | wire.BatchEnd) -> bytes:
-    told = line.model_dump(mode="json")
-    return json.dumps(told, ensure_ascii=False).encode() + b"\n"
+    fields = line.model_dump(mode="json")
+    return json.dumps(fields, ensure_ascii=False).encode() + b"\n"
 
 
 ANNOTATION: Final = "annotation"
@@ -239,20 +239,21 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
         )
     settings = settings_of(request)
     require_room(settings, services_of(request).storage)
-    limits = PartLimits(settings.max_parts, settings.max_part_bytes)
     parts: dict[str, bytes] = {}
-    for part in await read_parts(media_type, request.stream(), limits):
-        if part.name not in (ANNOTATION, *KINDS):
+    for name, content in await read_parts(
+        media_type,
+        request.stream(),
+        max_parts=settings.max_parts,
+        max_part_bytes=settings.max_part_bytes,
+    ):
+        if name not in (ANNOTATION, *KINDS):
             raise Unprocessable(
-                f"unknown part {part.name!r}; "
-                f"expected {ANNOTATION}, {', '.join(KINDS)}",
+                f"unknown part {name!r}; expected {ANNOTATION}, {', '.join(KINDS)}",
                 code="unknown_part",
             )
-        if part.name in parts:
-            raise Unprocessable(
-                f"part {part.name!r} was sent twice", code="repeated_part"
-            )
-        parts[part.name] = part.content
+        if name in parts:
+            raise Unprocessable(f"part {name!r} was sent twice", code="repeated_part")
+        parts[name] = content
     if ANNOTATION not in parts:
         raise Unprocessable(
             f"expected a part {ANNOTATION!r} with the frame's JSON, found "
@@ -412,16 +413,9 @@ async def read_folder(
         opened.enter_context(services.one(OpenBatches).enter(settings))
         sent = await opened.enter_async_context(_sent_folder(services))
         await _receive(request, services, sent)
-        task = FolderTask(
-            root=sent.root,
-            response=sent.response,
-            layout=layout,
-            refused=tuple(sent.refused),
-            absent=tuple(sent.absent),
-            most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
-        )
+        most_bytes = MOST_LONGER * int(settings.max_folder_bytes)
+        read = partial(services.folders.run, write_response, sent, layout, most_bytes)
         async with until_left(request) as cancelled:
-            read = partial(services.folders.run, write_response, task)
             size = await to_thread.run_sync(
                 partial(read, cancelled=cancelled),
                 limiter=admission_of(request).folders,
@@ -462,8 +456,8 @@ async def _receive(
     held: HeldBytes = request.scope[BODY_ALLOWANCE].held
 
     def add_files(chunk: bytes) -> None:
-        for member in archive.feed(chunk):
-            sent.add(member)
+        for name, content in archive.feed(chunk):
+            sent.add(name, content)
 
     pieces = UntilStopped(request.stream(), stop)
     with stop.calling(pieces.wake):

@@ -36,7 +36,7 @@ from app.catalog.frames import KeyRow, ProblemRepository
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Frame
-from app.ingest.frame import ReadyFrame, SetAside, StoredFrame
+from app.ingest.frame import AcceptedFrame, ReadyFrame
 from app.measuring.active import ActiveDataset
 from app.measuring.evidence import packed
 from app.measuring.queries import EvidenceRepository
@@ -55,7 +55,7 @@ from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 
 
 @dataclass(frozen=True, kw_only=True)
-class NewFrame(StoredFrame):
+class NewFrame(AcceptedFrame):
     """A frame that this upload has stored, with the content of its rows.
 
     `carried` are the answers that were carried over from the former revision.
@@ -103,8 +103,8 @@ class NewFrame(StoredFrame):
             "frame": frame,
             "segmentation": frame.segmentation,
             "decisions": _decisions(self),
-            "answers_set_aside": self.set_aside.answers,
-            "boxes_set_aside": self.set_aside.boxes,
+            "answers_set_aside": self.answers_set_aside,
+            "boxes_set_aside": self.boxes_set_aside,
             "notes": self.ready.measured.notes,
         }
 
@@ -289,8 +289,12 @@ def _carried(
         of_others=of_others,
     )
     boxes = tuple(dict.fromkeys(source_id for source_id, _ in dropped))
-    set_aside = SetAside(len(dropped), boxes[:MOST_BOXES_SET_ASIDE])
-    return replace(frame, carried=carried, set_aside=set_aside)
+    return replace(
+        frame,
+        carried=carried,
+        answers_set_aside=len(dropped),
+        boxes_set_aside=boxes[:MOST_BOXES_SET_ASIDE],
+    )
 
 
 def _carry_answers(

@@ -28,11 +28,11 @@ from app.errors import (
 )
 from app.ingest.check import check_frame, read_key, require_key
 from app.ingest.frame import (
+    AcceptedFrame,
     EndedFrame,
     PreparedFrame,
     ReadyFrame,
     RefusedFrame,
-    StoredFrame,
     UploadedFrame,
     UploadRequest,
 )
@@ -58,7 +58,7 @@ def add_frame(
     request: UploadRequest,
     upload: UploadedFrame,
     cancelled: threading.Event | None = None,
-) -> StoredFrame:
+) -> AcceptedFrame:
     """Check, measure and store one frame, and commit.
 
     Raises FilterError: the frame is invalid; this is stored as a problem of the
@@ -67,7 +67,7 @@ def add_frame(
     measured it: nothing is stored.
     """
     frame = prepare_frame(context, request, upload, cancelled)
-    if not isinstance(frame, StoredFrame):
+    if not isinstance(frame, AcceptedFrame):
         (frame,) = store_frames(context, request, [frame])
     if isinstance(frame, RefusedFrame):
         raise frame.error
@@ -83,7 +83,7 @@ def prepare_frame(
     """Check and measure one frame and write its files, outside any transaction.
 
     A ReadyFrame is to be passed to `store_frames`, as a RefusedFrame is; otherwise its
-    drafts have to be passed to `storage.discard`. A StoredFrame is in the dataset
+    drafts have to be passed to `storage.discard`. An AcceptedFrame is in the dataset
     already.
 
     Raises app.engine.children.CallCancelled: `cancelled` was set while a child process
@@ -126,7 +126,7 @@ def _known_end(
     if key_row.frame_id is None:
         return None
     if key_row.content_digest == digest:
-        return StoredFrame(key, key_row.frame_id)
+        return AcceptedFrame(key, key_row.frame_id)
     if request.replace:
         return None
     conflict = FrameConflict(
@@ -297,7 +297,7 @@ def _counted(session: Session, frames: list[EndedFrame]) -> list[EndedFrame]:
     same = {
         frame.frame_id: place
         for place, frame in enumerate(frames)
-        if isinstance(frame, StoredFrame) and frame.verdicts is None
+        if isinstance(frame, AcceptedFrame) and frame.verdicts is None
     }
     if same:
         tallies = DecisionRepository(session).per_frame(list(same))
@@ -305,5 +305,5 @@ def _counted(session: Session, frames: list[EndedFrame]) -> list[EndedFrame]:
             reasons = [key.reason for key, boxes in tally.items() for _ in range(boxes)]
             verdicts = verdict_counts(np.array(reasons, np.uint8))
             key = frames[same[frame_id]].key
-            frames[same[frame_id]] = StoredFrame(key, frame_id, verdicts)
+            frames[same[frame_id]] = AcceptedFrame(key, frame_id, verdicts)
     return frames

@@ -35,25 +35,24 @@ class FrameAssembler:
         """Bytes in memory of the frame that is not complete yet."""
         return self._open.size_bytes if self._open else 0
 
-    def add(self, member: Member) -> Iterator[UploadedFrame]:
-        """The frames that this member completes."""
-        if member.name.endswith(_ANNOTATION):
+    def add(self, name: str, content: bytes | None) -> Iterator[UploadedFrame]:
+        """The frames that this file completes; None is content that is too large."""
+        if name.endswith(_ANNOTATION):
             yield from self.finish()
-            self._open = UploadedFrame(
-                member.name.removesuffix(_ANNOTATION), may_rename=True
-            )
-            self._take(self._open, "annotation", member.content)
-        elif self._open and member.name.startswith(f"{self._open.key}."):
-            suffixes = member.name[len(self._open.key) + 1 :]
-            self._add_file(self._open, suffixes.partition(".")[0], member.content)
+            key = name.removesuffix(_ANNOTATION)
+            self._open = UploadedFrame(key, may_rename=True)
+            self._take(self._open, "annotation", content)
+        elif self._open and name.startswith(f"{self._open.key}."):
+            suffixes = name[len(self._open.key) + 1 :]
+            self._add_file(self._open, suffixes.partition(".")[0], content)
         else:
             first = "the NAME.json of its frame before it"
             expected = repr(f"{self._open.key}.KIND"[:80]) if self._open else first
             fault = Unprocessable(
-                f"file {member.name[:80]!r} belongs to no frame; expected {expected}",
+                f"file {name[:80]!r} belongs to no frame; expected {expected}",
                 code="misplaced_member",
             )
-            yield UploadedFrame(member.name, fault=fault)
+            yield UploadedFrame(name, fault=fault)
 
     def finish(self) -> Iterator[UploadedFrame]:
         """The last frame, if there is one."""
@@ -142,13 +141,6 @@ class TarLimits:
     max_members: int
 
 
-class Member(NamedTuple):
-    """A file of an archive; `content` is None if it is larger than allowed."""
-
-    name: str
-    content: bytes | None
-
-
 class _Header(NamedTuple):
     name: bytes
     size: int
@@ -182,8 +174,10 @@ class TarStream:
         """Bytes in memory of the member that is not complete yet."""
         return len(self._held)
 
-    def feed(self, data: bytes) -> Iterator[Member]:
-        """The files that are completed by these bytes.
+    def feed(self, data: bytes) -> Iterator[tuple[str, bytes | None]]:
+        """The names and contents of the files that are completed by these bytes.
+
+        The content is None if the file is larger than allowed.
 
         Raises BadArchive: the archive is damaged, or has members that are neither files
         nor folders; UnsupportedMedia: it is compressed; TooLarge: a member is too large
@@ -217,7 +211,7 @@ class TarStream:
                 "the archive is truncated: expected two empty blocks at its end"
             )
 
-    def _begin(self, block: bytes) -> Iterator[Member]:
+    def _begin(self, block: bytes) -> Iterator[tuple[str, bytes | None]]:
         if not block.strip(b"\0"):
             self._zero_blocks += 1
             return
@@ -240,11 +234,12 @@ class TarStream:
         else:
             self._header, self._missing = header, header.size
 
-    def _end(self, header: _Header, content: bytes | None) -> Iterator[Member]:
+    def _end(
+        self, header: _Header, content: bytes | None
+    ) -> Iterator[tuple[str, bytes | None]]:
         if header.kind in _FILE:
             name = header.name if self._long_name is None else self._long_name
-            named = _decoded_name(name, any_name=self._any_name)
-            yield Member(named, content)
+            yield _decoded_name(name, any_name=self._any_name), content
         elif header.kind == _LONG_NAME:
             self._long_name = (content or b"").split(b"\0", 1)[0]
             return

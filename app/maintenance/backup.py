@@ -14,9 +14,9 @@ import re
 import shutil
 import sqlite3
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from functools import partial
@@ -96,19 +96,20 @@ def unpack(
     digests: dict[str, str] = {}
     label, done, total = None, 0, size_of(backup)
     try:
-        for name, stream in _parts(backup):
-            if name == LABEL:
-                # The last file: it lists the files that were left out.
-                label = _read_label(stream.read(MAX_LABEL_BYTES + 1), backup)
-                continue
-            target = folder / name if keep or name == DATABASE else None
-            digests[name] = _copy(stream, target)
-            if name != DATABASE and not name.endswith(digests[name]):
-                raise CannotMaintain(
-                    f"{backup} is damaged: the content of {name} has changed"
-                )
-            done += stream.tell()
-            advance(done // _MB, total // _MB)
+        with closing(_parts(backup)) as parts:
+            for name, stream in parts:
+                if name == LABEL:
+                    # The last file: it lists the files that were left out.
+                    label = _read_label(stream.read(MAX_LABEL_BYTES + 1), backup)
+                    continue
+                target = folder / name if keep or name == DATABASE else None
+                digests[name] = _copy(stream, target)
+                if name != DATABASE and not name.endswith(digests[name]):
+                    raise CannotMaintain(
+                        f"{backup} is damaged: the content of {name} has changed"
+                    )
+                done += stream.tell()
+                advance(done // _MB, total // _MB)
     except (tarfile.TarError, EOFError) as exc:
         raise CannotMaintain(
             f"{backup} is not a backup, or is truncated: {exc}"
@@ -183,7 +184,7 @@ class _Member(tarfile.TarInfo):
         return header
 
 
-def _parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
+def _parts(backup: Path) -> Generator[tuple[str, IO[bytes]], None, None]:
     """The files of a backup by name, each open until the next one is asked for."""
     if not backup.is_dir():
         with tarfile.open(backup, "r:", tarinfo=_Member) as archive:

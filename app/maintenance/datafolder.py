@@ -314,8 +314,7 @@ def check_moved(settings: Settings, database: Database, store: BlobStore) -> Non
 
 def no_store(settings: Settings, away: StorageAway) -> str:
     """The error message for a bucket that cannot be used; it contains no secret."""
-    bucket = bucket_of(settings.storage)
-    name = settings.storage if bucket is None else bucket.name
+    name, _ = bucket_of(settings.storage) or (settings.storage, "")
     return (
         f"the bucket {name!r} at {endpoint_of(settings)} cannot be used: "
         f"{_REASONS.get(away.reason, away.reason)}"

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from app.addresses import FOLDER
 from app.db.migrate import head_revision, is_known
 from app.maintenance import datafolder
-from app.maintenance.backup import DATABASE, LABEL, size_of, unpack
+from app.maintenance.backup import DATABASE, LABEL, BackupLabel, size_of, unpack
 from app.package import migrations_dir
 from app.settings import Settings
 from app.storage import BLOBS, durable
@@ -22,31 +21,19 @@ TOGETHER: Final = 8
 """Concurrent uploads of files to a bucket."""
 
 
-@dataclass(frozen=True)
-class Restored:
-    """A data folder that was restored, and the facts of its backup."""
-
-    data: Path
-    files: int
-    schema: str
-    created_at: str
-    left_out: tuple[str, ...]
-
-    @property
-    def is_older(self) -> bool:
-        """Whether the service will migrate its schema when it starts."""
-        return self.schema != head_revision(migrations_dir())
-
-    def as_dict(self) -> dict[str, object]:
-        """The values for the command's output."""
-        return {**vars(self), "data": str(self.data)}
+def is_older(label: BackupLabel) -> bool:
+    """Whether the service will migrate the schema of a backup when it starts."""
+    return label.schema != head_revision(migrations_dir())
 
 
-def restore(settings: Settings, backup: Path, steps: datafolder.Steps) -> Restored:
+def restore(
+    settings: Settings, backup: Path, steps: datafolder.Steps
+) -> tuple[BackupLabel, int]:
     """Unpack a backup into an empty folder; each file is checked while it is copied.
 
-    Raises CannotMaintain if the folder is not empty, the backup is damaged or of a
-    newer version, or fewer than `min_free_bytes` would be free after it.
+    Returns its label and how many files it has. Raises CannotMaintain if the folder is
+    not empty, the backup is damaged or of a newer version, or fewer than
+    `min_free_bytes` would be free after it.
     """
     if settings.database_url is not None:
         raise datafolder.CannotMaintain(
@@ -84,7 +71,7 @@ def restore(settings: Settings, backup: Path, steps: datafolder.Steps) -> Restor
         finally:
             _remove_unfinished(data)
             durable.flush_folder(data)
-    return Restored(data, files, label.schema, label.created_at, label.left_out)
+    return label, files
 
 
 def _check_empty(data: Path) -> None:

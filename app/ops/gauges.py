@@ -57,26 +57,28 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
     """The metrics whose values are read for each request of Prometheus."""
     engine, disk = context.engine, shutil.disk_usage(context.settings.data)
     file, least = context.database.file, int(context.settings.min_free_bytes)
+    batches, bodies = context.one(OpenBatches).open, context.one(OpenBodies).open_bytes
+    is_stopping = engine.stopping.is_set()
     for name, text, value in (
-        ("workers", "Threads that measure pixels.", engine.workers),
-        ("workers_busy", "Threads that measure pixels now.", engine.busy),
-        ("batches_open", "Batches being received.", context.one(OpenBatches).open),
+        ("unghost_workers", "Threads that measure pixels.", engine.workers),
+        ("unghost_workers_busy", "Threads that measure pixels now.", engine.busy),
+        ("unghost_batches_open", "Batches being received.", batches),
+        ("unghost_open_body_bytes", "Bytes of requests that are in memory.", bodies),
         (
-            "open_body_bytes",
-            "Bytes of requests that are in memory.",
-            context.one(OpenBodies).open_bytes,
-        ),
-        (
-            "event_streams_open",
+            "unghost_event_streams_open",
             "Open streams of events of runs and exports.",
             context.one(Poller).watchers,
         ),
-        ("stopping", "1 if the service is stopping, else 0.", engine.stopping.is_set()),
-        ("disk_bytes", "Size of the data folder's disk.", disk.total),
-        ("disk_free_bytes", "Free space on the data folder's disk.", disk.free),
-        ("disk_min_free_bytes", "Free space below which frames are refused.", least),
+        ("unghost_stopping", "1 if the service is stopping, else 0.", is_stopping),
+        ("unghost_disk_bytes", "Size of the data folder's disk.", disk.total),
+        ("unghost_disk_free_bytes", "Free space on the data folder's disk.", disk.free),
+        (
+            "unghost_disk_min_free_bytes",
+            "Free space below which frames are refused.",
+            least,
+        ),
     ):
-        yield Gauge(f"unghost_{name}", text, value)
+        yield Gauge(name, text, value)
     if file is not None:
         yield Gauge("unghost_database_bytes", "Size of the database.", _size(file))
         wal = file.with_name(f"{file.name}-wal")
@@ -90,10 +92,11 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
     yield from (Gauge("unghost_database_up", text, bool(of_database)), *of_database)
     counted = context.one(BlobCount).newest(context.database, context.engine)
     if counted is not None:
+        files, size_bytes = counted
         text = "Stored files, counted at most once a minute."
-        yield Gauge("unghost_blobs", text, counted[0])
+        yield Gauge("unghost_blobs", text, files)
         text = "Bytes of all stored files, counted at most once a minute."
-        yield Gauge("unghost_blob_bytes", text, counted[1])
+        yield Gauge("unghost_blob_bytes", text, size_bytes)
 
 
 def _of_database(context: ServiceContext) -> Iterator[Gauge]:

@@ -10,7 +10,7 @@ from fastapi.responses import PlainTextResponse
 
 from app.http.deps import AppServices, Viewer
 from app.http.routing import ApiRouter, OpenRouter
-from app.metrics import WORK, RequestMetrics, Scrape, process_facts
+from app.metrics import WORK, RequestMetrics, process_facts, prometheus_text
 from app.ops.gauges import gauges
 from app.ops.readiness import Readiness
 from app.package import VERSION
@@ -47,14 +47,12 @@ def metrics(
     """Metrics for Prometheus: requests, work, queues, verdicts and disk space."""
     counts: RequestMetrics = request.app.state.metrics
     connections: Connections = request.app.state.connections
-    scrape = Scrape(
-        chain(
-            counts.registry.collect(),
-            connections.metrics(),
-            WORK.collect(),
-            gauges(services),
-            process_facts(),
-        )
+    every = chain(
+        counts.registry.collect(),
+        connections.metrics(),
+        WORK.collect(),
+        gauges(services),
+        process_facts(),
     )
     prometheus = "text/plain; version=0.0.4; charset=utf-8"
-    return PlainTextResponse(scrape.text(), media_type=prometheus)
+    return PlainTextResponse(prometheus_text(every), media_type=prometheus)

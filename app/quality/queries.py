@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import attrgetter
+from typing import TypeAlias
 
 from sqlalchemy import ColumnElement, Row, select
 
@@ -12,26 +14,29 @@ from app.db.base import Repository
 from app.db.tables import Decision, Review, ReviewBatch
 from app.verdicts import REVIEW_STATES
 
+AnsweredBox: TypeAlias = "Row[int, str | None, int]"
+"""A box (`box_id`), the answer in force on it (`review`), and that answer's `id`."""
+
 
 class AnswerRepository(Repository):
     """Reads `reviews` together with `decisions`."""
 
-    def answered(self, dataset_id: int) -> Sequence[Row[int, str | None, int]]:
-        """Boxes with an answer that was not cleared: box, verdict, id of the latest."""
+    def answered(self, dataset_id: int) -> list[AnsweredBox]:
+        """The boxes with an answer that was not cleared, by id."""
         is_latest = Review.revision == Decision.revision
         rows = (
             select(Decision.box_id, Decision.review, Review.id)
             .join(Review, (Review.box_id == Decision.box_id) & is_latest)
             .where(Decision.dataset_id == dataset_id, REVIEW_STATES["any"].condition())
         )
-        return self._session.execute(rows).all()
+        return sorted(self._session.execute(rows), key=attrgetter("box_id"))
 
     def drawn(
         self, dataset_id: int
     ) -> Sequence[Row[int, int, str | None, float | None]]:
         """All answers, also earlier ones, on boxes that came by the random order.
 
-        The answer's id, the box, and how the queue chose it: filters and probability.
+        With how the queue chose the box: `chosen_from` are its filters.
         """
         rows = (
             select(Review.id, Review.box_id, Review.chosen_from, Review.probability)
@@ -45,7 +50,7 @@ class AnswerRepository(Repository):
     ) -> Sequence[Row[int, int, str, str, int | None, int | None]]:
         """All answers on the boxes of a dataset, by box, newest first.
 
-        Box, revision, reviewer, verdict, bulk answer, and the revision that it undoes.
+        `batch_id` is the bulk answer, `undoes` the revision that the answer undoes.
         Also on boxes without an answer now: that somebody has cleared a box's answer
         does not change the answers of others.
         """
@@ -71,4 +76,5 @@ class AnswerRepository(Repository):
         rows = select(ReviewBatch.id, ReviewBatch.undoes_id).where(
             ReviewBatch.dataset_id == dataset_id, ReviewBatch.undoes_id.is_not(None)
         )
-        return {batch_id for row in self._session.execute(rows) for batch_id in row}
+        batches = self._session.execute(rows).all()
+        return {row.id for row in batches} | {row.undoes_id for row in batches}

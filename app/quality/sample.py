@@ -27,7 +27,7 @@ from app.db.tables import Dataset
 from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
-from app.quality.queries import AnswerRepository
+from app.quality.queries import AnsweredBox, AnswerRepository
 from filter_core.arrays import FloatArray, IntArray
 from filter_core.evaluation.sampling import (
     NARROW,
@@ -68,7 +68,7 @@ class RandomSample:
         """The sample of a dataset as people have answered it until now."""
         shuffle = shuffle_of(session, dataset.id)
         reach, begun = _walk(session, dataset, shuffle)
-        answers = sorted(AnswerRepository(session).answered(dataset.id))
+        answers = AnswerRepository(session).answered(dataset.id)
         measurement = active_measurement(session, dataset)
         cache, config = context.one(ColumnCache), active_config(session, dataset)
         shape = (len(reach), len(BANDS), 2, len(Part), len(Said))
@@ -156,32 +156,33 @@ def _walk(
     drawn = AnswerRepository(session).drawn(dataset.id)
     if not drawn or shuffle is None:
         return reach, begun
-    shares = shuffle.shares_of(np.array([box_id for _, box_id, *_ in drawn], np.int64))
+    shares = shuffle.shares_of(np.array([each.box_id for each in drawn], np.int64))
     chosen = {}
-    for row, share in zip(drawn, shares.tolist(), strict=True):
-        answer_id, _, chosen_from, probability = row
-        if probability != share:
+    for answer, share in zip(drawn, shares.tolist(), strict=True):
+        if answer.probability != share:
             continue  # the order of a dataset changes when it has grown immensely
-        if chosen_from not in chosen:
-            selection = BoxSelection.model_validate_json(chosen_from or "{}")
+        filters = answer.chosen_from
+        if filters not in chosen:
+            selection = BoxSelection.model_validate_json(filters or "{}")
             of_filter = to_filter(session, dataset, selection).class_ids
-            chosen[chosen_from] = np.isin(
+            chosen[filters] = np.isin(
                 class_ids, class_ids if of_filter is None else of_filter
             )
-        rows = chosen[chosen_from]
+        rows = chosen[filters]
         reach[rows] = np.maximum(reach[rows], share)
-        begun[rows] = np.minimum(begun[rows], answer_id)
+        begun[rows] = np.minimum(begun[rows], answer.id)
     return reach, begun
 
 
 def _said(
-    numbers: DatasetColumns, answers: Sequence[tuple[int, str | None, int]]
+    numbers: DatasetColumns, answers: Sequence[AnsweredBox]
 ) -> tuple[IntArray, IntArray]:
     """What people said of each box, as `Said`, and the id of the latest answer."""
     said, answer_id = np.zeros((2, len(numbers)), np.int64)
     # Other boxes are in another part, or were stored after the numbers were read.
-    box_ids = np.array([box_id for box_id, _, _ in answers], np.int64)
+    box_ids = np.array([answer.box_id for answer in answers], np.int64)
     rows, is_here = places_in(numbers.box_ids, box_ids)
-    said[rows] = np.array([_SAID[review or ""] for _, review, _ in answers])[is_here]
-    answer_id[rows] = np.array([number for *_, number in answers])[is_here]
+    reviews = [_SAID[answer.review or ""] for answer in answers]
+    said[rows] = np.array(reviews)[is_here]
+    answer_id[rows] = np.array([answer.id for answer in answers])[is_here]
     return said, answer_id

@@ -189,13 +189,12 @@ class Panel:
         undone: set[tuple[int, int]] = set()
         latest: dict[tuple[int, str], str] = {}
         for answer in repository.answers(dataset_id):
-            box_id, revision, reviewer, verdict, batch_id, undoes = answer
-            if (box_id, revision) in undone:
+            if (answer.box_id, answer.revision) in undone:
                 continue
-            if undoes is not None:
-                undone.add((box_id, undoes))
-            elif batch_id not in ignored:
-                latest.setdefault((box_id, reviewer), verdict)
+            if answer.undoes is not None:
+                undone.add((answer.box_id, answer.undoes))
+            elif answer.batch_id not in ignored:
+                latest.setdefault((answer.box_id, answer.reviewer), answer.verdict)
         in_force = {key: said for key, said in latest.items() if said != "clear"}
         return cls(in_force)
 

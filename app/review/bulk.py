@@ -25,7 +25,7 @@ from app.db.tables import Dataset
 from app.errors import Conflict, CountChanged, StaleSnapshot, TooLarge, Unprocessable
 from app.metrics import REVIEWS
 from app.review.queries import ReviewBatches, ReviewRepository, SeenBoxes
-from app.review.service import require_own_cleared, require_place
+from app.review.service import require_answers_left, require_own_cleared
 from app.security import Principal
 from app.storage.room import require_room
 from unghost.wire.boxes import MAX_COMMENT, BulkIn, ReviewBatch, UndoneBatch
@@ -44,7 +44,7 @@ def review_many(
     StaleSnapshot: the boxes of the filter have changed since the snapshot; StorageFull:
     there is too little disk space for so many answers; Forbidden: it clears answers of
     others, and the caller is not an admin; Conflict: ``too_many_answers`` on one of the
-    boxes, see `require_place`.
+    boxes, see `require_answers_left`.
     """
     try:
         chosen = _choose(services, request, by)
@@ -54,7 +54,9 @@ def review_many(
         begin_as_work(audit.session)
     _require_room(services, chosen.to_answer, len(request.comment.encode()))
     most = services.settings.max_answers_per_box
-    require_place(ReviewRepository(audit.session), chosen.boxes, audit.name, most)
+    require_answers_left(
+        ReviewRepository(audit.session), chosen.boxes, audit.name, most
+    )
     dataset = DatasetRepository(audit.session).named(request.dataset)
     attempt = audit.session.begin_nested()
     stored = _store(audit, dataset, request, chosen)
@@ -264,8 +266,8 @@ def undo_batch(
     The transaction of `audit` must not have begun. Raises NotFound: there is no such
     batch; Forbidden: it is another person's, and the caller is not an admin; Conflict:
     it was undone already, and none of its answers is in force again; or
-    ``too_many_answers`` on one of the boxes, see `require_place`; StorageFull: there is
-    too little disk space for so many answers.
+    ``too_many_answers`` on one of the boxes, see `require_answers_left`; StorageFull:
+    there is too little disk space for so many answers.
     """
     with services.database.read() as looking:
         undoable = ReviewBatches(looking).undoable(batch_id)
@@ -278,7 +280,8 @@ def undo_batch(
     # The answers before it are repeated, with comments of up to four bytes a character.
     _require_room(services, size, 4 * MAX_COMMENT)
     most = services.settings.max_answers_per_box
-    require_place(ReviewRepository(session), undoable, by.name, most)
+    seen = [boxes for _, boxes in undoable]
+    require_answers_left(ReviewRepository(session), seen, by.name, most)
     was_undone = batches.is_undone(batch_id)
     undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
     undone = ReviewRepository(session).restore_answers(undo, undoable)

@@ -12,6 +12,7 @@ new frame (`carry_over`). Each of them
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Final, NamedTuple, TypeAlias
@@ -39,10 +40,11 @@ from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
 from app.catalog.datasets import is_deleted, is_there
 from app.catalog.frames import current_in
-from app.db.base import Key, Repository, UtcDateTime, existing
+from app.db.base import Key, Repository, UtcDateTime, existing, insert_row
 from app.db.bulk import chunks, insert_into, insert_rows
 from app.db.tables import Box, Claim, Dataset, Decision, Frame, Review, ReviewBatch, Run
 from app.errors import NotFound
+from unghost.wire.boxes import QueueIn
 
 
 class CurrentBox(NamedTuple):
@@ -75,34 +77,10 @@ class NewAnswer(NamedTuple):
     looked_ms: int | None = None
 
 
-class Choice(NamedTuple):
-    """How the queue chose a box: its order, its filters as JSON, and a probability.
-
-    The probability is that of being among the boxes of the random order up to this one.
-    It is None in other orders, and if filters leave out some boxes of their classes.
-    """
-
-    order: str
-    filters: str
-    probability: float | None
-
-
 class SeenBoxes(NamedTuple):
     """Boxes that all had the same revision when a person saw them."""
 
     box_ids: Sequence[int]
-    revision: int
-
-
-class UndoableBoxes(NamedTuple):
-    """Boxes on which a bulk answer can be undone, because it is still in force.
-
-    No answer followed it, or all that followed were undone. The bulk answer gave all of
-    these boxes the revision `answered`; now they are at `revision`.
-    """
-
-    box_ids: Sequence[int]
-    answered: int
     revision: int
 
 
@@ -305,11 +283,14 @@ class ReviewRepository(Repository):
             self._make_latest(batch)
         return stored
 
-    def restore_answers(self, undo: ReviewBatch, boxes: Iterable[UndoableBoxes]) -> int:
+    def restore_answers(
+        self, undo: ReviewBatch, boxes: Iterable[tuple[int, SeenBoxes]]
+    ) -> int:
         """Undo a bulk answer on the boxes that still have their revision; how many.
 
-        The answer before the bulk answer is repeated on each box. If there was none,
-        `clear` is stored, which is the verdict of `undo`, the row of the undo.
+        `boxes` are those of `ReviewBatches.undoable`. The answer before the bulk answer
+        is repeated on each box. If there was none, `clear` is stored, which is the
+        verdict of `undo`, the row of the undo.
         """
         cleared, earlier = _answer_of(undo), aliased(Review)
         content = (
@@ -317,9 +298,9 @@ class ReviewRepository(Repository):
             func.coalesce(earlier.comment, cleared.comment),
         )
         stored = 0
-        for seen in boxes:
-            answer = cleared._replace(undoes=seen.answered)
-            is_before = earlier.revision == seen.answered - 1
+        for answered, seen in boxes:
+            answer = cleared._replace(undoes=answered)
+            is_before = earlier.revision == answered - 1
             is_earlier = (earlier.box_id == Decision.box_id) & is_before
             for chunk in chunks(seen.box_ids):
                 rows = _next_answers(chunk, seen.revision, answer, content)
@@ -481,7 +462,7 @@ class ReviewBatches(Repository):
             looked_at=looked_at,
             undoes_id=undoes_id,
         )
-        return self.insert(batch)
+        return insert_row(self._session, batch)
 
     def with_id(self, batch_id: int) -> ReviewBatch:
         """A batch; raises NotFound."""
@@ -504,18 +485,25 @@ class ReviewBatches(Repository):
         rows = select(func.count()).where(Review.batch_id == batch_id)
         return self._session.scalar(rows) or 0
 
-    def undoable(self, batch_id: int) -> list[UndoableBoxes]:
-        """The boxes on which a batch can be undone, grouped by their revisions."""
+    def undoable(self, batch_id: int) -> list[tuple[int, SeenBoxes]]:
+        """The boxes on which a batch is still in force, so that it can be undone.
+
+        No answer followed it, or all that followed were undone. They are grouped by the
+        revision that the batch gave them, which comes first, and by that of now.
+        """
         standing = _standing(Review.batch_id == batch_id)
         rows = (
             select(standing.c.box_id, standing.c.answered, Decision.revision)
             .join(Decision, Decision.box_id == standing.c.box_id)
             .where(standing.c.revision == standing.c.answered)
         )
-        alike: dict[tuple[int, int], list[int]] = {}
-        for box_id, *revisions in self._session.execute(rows):
-            alike.setdefault(tuple(revisions), []).append(box_id)
-        return [UndoableBoxes(ids, *revisions) for revisions, ids in alike.items()]
+        alike: dict[tuple[int, int], list[int]] = defaultdict(list)
+        for box_id, answered, revision in self._session.execute(rows):
+            alike[answered, revision].append(box_id)
+        return [
+            (answered, SeenBoxes(ids, revision))
+            for (answered, revision), ids in alike.items()
+        ]
 
 
 def _standing(answers: ColumnElement[bool]) -> CTE:
@@ -572,11 +560,17 @@ class ClaimRepository(Repository):
         dataset_id: int,
         reviewer: str,
         expires_at: datetime,
-        choices: Mapping[int, Choice],
+        request: QueueIn,
+        probabilities: Mapping[int, float | None],
     ) -> None:
-        """Claim boxes, or extend their claims, as they were chosen now."""
-        if not choices:
+        """Claim boxes, or extend their claims, as they were chosen now, for `request`.
+
+        The probability of a box is that of being among the boxes of the random order up
+        to it: None in other orders, and if filters leave out boxes of their classes.
+        """
+        if not probabilities:
             return
+        filters = request.filters.model_dump_json(exclude_none=True, by_alias=True)
         insert = insert_into(self._session, Claim)
         claims = [
             {
@@ -584,11 +578,11 @@ class ClaimRepository(Repository):
                 "dataset_id": dataset_id,
                 "reviewer": reviewer,
                 "expires_at": expires_at,
-                "chosen_by": choice.order,
-                "chosen_from": choice.filters,
-                "probability": choice.probability,
+                "chosen_by": request.order,
+                "chosen_from": filters,
+                "probability": probability,
             }
-            for box_id, choice in sorted(choices.items())
+            for box_id, probability in sorted(probabilities.items())
         ]
         new = {name: insert.excluded[name] for name in claims[0] if name != "box_id"}
         statement = insert.on_conflict_do_update(index_elements=["box_id"], set_=new)

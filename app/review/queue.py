@@ -24,7 +24,7 @@ from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.base import rfc3339, utc_now
 from app.db.tables import Dataset
-from app.review.queries import Choice, ClaimRepository
+from app.review.queries import ClaimRepository
 from filter_core.decisions.doubt import Bin
 from filter_core.verdicts import Reason
 from unghost.wire.boxes import QueueIn
@@ -95,8 +95,8 @@ def next_boxes(
     claims.end(newest_first[MOST_CLAIMS - len(renewed) :])
     expires_at = now + CLAIM
     claims.renew(renewed, expires_at)
-    choices = _choices(session, dataset, request, queue[0][0], ids)
-    claims.hold(dataset.id, reviewer, expires_at, choices)
+    probabilities = _probabilities(session, dataset, request, queue[0][0], ids)
+    claims.hold(dataset.id, reviewer, expires_at, request, probabilities)
     claim = {"expires_at": rfc3339(expires_at)}
     probes, reader = BoxProbes(session), DecisionReader(session, dataset)
     return {
@@ -112,16 +112,17 @@ def next_boxes(
     }
 
 
-def _choices(
+def _probabilities(
     session: Session,
     dataset: Dataset,
     request: QueueIn,
     part: BoxFilter,
     box_ids: Sequence[int],
-) -> dict[int, Choice]:
-    """How each of these boxes was chosen; `part` is the first of the queue."""
-    filters = request.filters.model_dump_json(exclude_none=True, by_alias=True)
-    choice = Choice(request.order, filters, None)
+) -> dict[int, float | None]:
+    """That of each of these boxes, if they are a sample; `part` is the queue's first.
+
+    See `ClaimRepository.hold`.
+    """
     of_classes = BoxFilter(
         part.dataset_id,
         reasons=part.reasons,
@@ -134,13 +135,10 @@ def _choices(
     # If the queue has every unanswered box of its classes that people can judge, those
     # that come up to any place of the random order are a sample of these.
     if request.order != "random" or request.seed is not None or not has_all:
-        return dict.fromkeys(box_ids, choice)
+        return dict.fromkeys(box_ids)
     shuffle = shuffle_of(session, dataset.id)
     shares = shuffle.shares_of(np.array(box_ids, np.int64)).tolist() if shuffle else []
-    return {
-        box_id: choice._replace(probability=share)
-        for box_id, share in zip(box_ids, shares, strict=True)
-    }
+    return dict(zip(box_ids, shares, strict=True))
 
 
 MAX_PROBES: Final = 1 << 14

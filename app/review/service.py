@@ -41,7 +41,6 @@ from app.review.queries import (
     NewAnswer,
     ReviewRepository,
     SeenBoxes,
-    UndoableBoxes,
 )
 from app.security import Principal
 from app.verdicts import effective_verdict
@@ -58,7 +57,7 @@ def review_box(
     the audit log. Raises NotFound: the box does not exist, or its frame was replaced or
     deleted; StaleReview: the box was answered since the person saw it; contains its
     current decision; Forbidden: it clears answers of others, and the caller is not an
-    admin; Conflict: ``too_many_answers``, see `require_place`.
+    admin; Conflict: ``too_many_answers``, see `require_answers_left`.
     """
     session, of_others = audit.session, 0
     reviews = ReviewRepository(session)
@@ -74,7 +73,7 @@ def review_box(
             answer = answer._replace(created_at=same.created_at)
             return _stored(box, answer, box.revision)
         seen = [SeenBoxes([box_id], box.revision)]
-        require_place(reviews, seen, by.name, most)
+        require_answers_left(reviews, seen, by.name, most)
         if answer.verdict == "clear":
             of_others = require_own_cleared(reviews, seen, by, f"clearing box {box_id}")
     if not reviews.answer_box(box_id, request.seen_revision, answer):
@@ -107,7 +106,7 @@ def undo_answer(
     does not exist, or its frame was replaced, or it has no such answer; Forbidden: it
     is another person's answer, and the caller is not an admin; Conflict: the box was
     answered since, or the answer was undone already; or ``too_many_answers``, see
-    `require_place`.
+    `require_answers_left`.
     """
     session = audit.session
     reviews = ReviewRepository(session)
@@ -117,7 +116,7 @@ def undo_answer(
     )
     what = f"answer {revision} on box {box_id}"
     of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
-    require_place(reviews, [SeenBoxes([box_id], box.revision)], by.name, most)
+    require_answers_left(reviews, [SeenBoxes([box_id], box.revision)], by.name, most)
     before = reviews.at(box_id, revision - 1)
     # "clear" is stored where a box had no answer before.
     content = ("clear", "") if before is None else (before.verdict, before.comment)
@@ -212,9 +211,9 @@ def require_own_cleared(
     return require_own(by, answers, action)
 
 
-def require_place(
+def require_answers_left(
     reviews: ReviewRepository,
-    boxes: Iterable[SeenBoxes | UndoableBoxes],
+    boxes: Iterable[SeenBoxes],
     reviewer: str,
     most: int,
 ) -> None:

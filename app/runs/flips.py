@@ -44,6 +44,7 @@ from app.measuring.plan import (
 )
 from app.measuring.queries import EvidenceRepository
 from filter_core.arrays import BoolArray, FloatArray, IntArray, floats_or_none, rows_of
+from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.channel_rules import (
@@ -67,7 +68,7 @@ from filter_core.verdicts import (
 from unghost.wire import runs as wire
 from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram
-from unghost.wire.words import FlipCause, Truth
+from unghost.wire.words import FlipCause
 
 _REASONS: Final = len(VERDICT_OF_REASON)
 _FLIPS: Final = VERDICT_OF_REASON[:, None] != VERDICT_OF_REASON
@@ -333,23 +334,12 @@ def _with_rectangles(
     )
 
 
-@dataclass(frozen=True)
-class PreviewLimits:
-    """The number of flips to list, the number of bins of histograms, and the truth."""
-
-    flips: int
-    bins: int
-    truth: Truth | None = None
-
-
 def preview(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    config: FilterConfig,
-    limits: PreviewLimits,
+    context: ServiceContext, session: Session, dataset: Dataset, request: wire.PreviewIn
 ) -> wire.Preview:
     """The counts, histograms and flips of a configuration that is not applied."""
+    active = active_config(session, dataset)
+    config = load_config(request.config.root).after(active)
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     plan = in_version(session, dataset, plan, version_of(measurement))
@@ -360,12 +350,11 @@ def preview(
         )
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
-    table, nearest = FlipTable(names), _Nearest(limits.flips)
-    shares: IntArray = np.zeros((2, len(names), limits.bins), np.int64)
+    table, nearest = FlipTable(names), _Nearest(request.limit)
+    shares: IntArray = np.zeros((2, len(names), request.bins), np.int64)
     pixels: FloatArray = np.zeros((2, len(names)))
     kinds: Counter[EvidenceName] = Counter()
-    active = active_config(session, dataset)
-    truth = limits.truth and KnownTruth.of(session, dataset, limits.truth)
+    truth = request.truth and KnownTruth.of(session, dataset, request.truth)
     scores = [Confusion(), Confusion()]
     visible: dict[int, bool] = {}
     cache = context.one(ColumnCache)
@@ -374,9 +363,9 @@ def preview(
         if is_recounted:
             evidence = _recounted(session, dataset, numbers, plan)
             needed = pixels_needed(evidence, config)
-            shares += share_counts(evidence, config.channels, limits.bins, needed)
+            shares += share_counts(evidence, config.channels, request.bins, needed)
         else:
-            shares += numbers.share_counts(config.channels, limits.bins, config)
+            shares += numbers.share_counts(config.channels, request.bins, config)
         pixels += numbers.unknown_pixels()
         before = _Decided(numbers, numbers.evidence, active, numbers.decided(active))
         after = _Decided(numbers, evidence, config, decide(evidence, config))

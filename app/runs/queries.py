@@ -8,7 +8,7 @@ import numpy as np
 from sqlalchemy import insert, select
 
 from app.catalog.datasets import is_there
-from app.db.base import Repository
+from app.db.base import Repository, insert_row
 from app.db.pages import NewestPage
 from app.db.tables import Dataset, Flips, Run
 from app.jobs.queries import OPEN
@@ -40,8 +40,8 @@ class RunRepository(Repository):
     """Rows of `runs`."""
 
     def add(self, run: Run) -> Run:
-        """Insert."""
-        return self.insert(run)
+        """Insert a run, which has its id afterwards."""
+        return insert_row(self._session, run)
 
     def page(
         self, page: NewestPage, state: str | None, dataset_id: int | None = None

@@ -37,7 +37,7 @@ from app.measuring.active import (
     describe_version,
 )
 from app.runs import service as runs
-from app.runs.flips import PreviewLimits, compared_runs, preview, run_diff
+from app.runs.flips import compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
 from unghost.wire import runs as wire
@@ -99,7 +99,7 @@ def list_configs(
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = newest(session, tables.ConfigVersion, dataset_row.id, query.page)
+    rows = newest(session, tables.ConfigVersion, dataset_row.id, query)
     return query.response(rows, lambda version: describe_version(dataset_row, version))
 
 
@@ -226,9 +226,7 @@ def preview_config(
 ) -> wire.Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
     dataset_row = DatasetRepository(session).named(dataset)
-    config = load_config(body.config.root).after(active_config(session, dataset_row))
-    limits = PreviewLimits(body.limit, body.bins, body.truth)
-    return preview(services, session, dataset_row, config, limits)
+    return preview(services, session, dataset_row, body)
 
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
@@ -250,7 +248,7 @@ def list_runs(
 ) -> Response:
     """Runs of a dataset, newest first."""
     dataset_row = DatasetRepository(session).named(dataset)
-    rows = RunRepository(session).page(query.page, state, dataset_row.id)
+    rows = RunRepository(session).page(query, state, dataset_row.id)
     return query.response(rows, runs.describing_runs(services, session, rows))
 
 
@@ -263,7 +261,7 @@ def list_all_runs(
     state: State = None,
 ) -> Response:
     """Runs of all datasets, newest first."""
-    rows = RunRepository(session).page(query.page, state)
+    rows = RunRepository(session).page(query, state)
     return query.response(rows, runs.describing_runs(services, session, rows))
 
 

@@ -33,8 +33,10 @@ def open_store(settings: Settings) -> BlobStore:
         raise MissingLibrary(
             "files in S3 need a library: pip install 'unghost[s3]'"
         ) from exc
+    name, prefix = bucket
     place = S3Place(
-        bucket=bucket,
+        bucket=name,
+        prefix=prefix,
         endpoint=endpoint_of(settings),
         region=settings.storage_region,
         plain=(settings.storage_endpoint or "").startswith("http:"),

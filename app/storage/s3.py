@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Final
 from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import S3Store
 
-from app.addresses import Bucket
 from app.errors import AppError, DamagedFile, StorageAway, TryLater
 from app.logs import error_log
 from app.storage import base
@@ -328,13 +327,15 @@ _CODE: Final = re.compile(r"<Code>(\w{1,64})</Code>")
 
 @dataclass(frozen=True)
 class S3Place:
-    """The address of a bucket, and its timeouts.
+    """The address of a bucket, the prefix of its keys, and its timeouts.
 
-    An `endpoint` without TLS needs `plain`. Without a `region`, that of the environment
-    is used. `timeout_s` limits each attempt, and the time for starting retries.
+    The `prefix` may be empty. An `endpoint` without TLS needs `plain`. Without a
+    `region`, that of the environment is used. `timeout_s` limits each attempt, and the
+    time for starting retries.
     """
 
-    bucket: Bucket
+    bucket: str
+    prefix: str
     endpoint: str
     region: str | None
     plain: bool
@@ -359,8 +360,8 @@ def _opened(place: S3Place, timeout_s: float, retries: int) -> S3Store:
     }
     retry: RetryConfig = {"max_retries": retries, "retry_timeout": patience}
     return S3Store(
-        place.bucket.name,
-        prefix=place.bucket.prefix or None,
+        place.bucket,
+        prefix=place.prefix or None,
         config=config,
         client_options=client,
         retry_config=retry,

@@ -117,7 +117,8 @@ def test_existing_backup_is_not_overwritten_and_failed_one_is_cleaned_up(
         backed_up(filled, kept)
 
     assert len(blobs(kept)) == len(blobs(filled)) - 1
-    assert restored(kept, tmp_path / "again").left_out == (damaged.name,)
+    label, _ = restored(kept, tmp_path / "again")
+    assert label.left_out == (damaged.name,)
     assert [path.name for path in tmp_path.glob(".kept*")] == []
 
 
@@ -374,10 +375,10 @@ def test_lock_files_of_a_server_do_not_prevent_a_restore(filled, tmp_path):
     check_free(Settings(data=again, port=0))
     locks = {path.name for path in again.iterdir()}
 
-    restoration = restored(backed_up(filled, tmp_path / "kept"), again)
+    _, files = restored(backed_up(filled, tmp_path / "kept"), again)
 
     assert locks == {".server.lock", ".unghost.db.lock"}
-    assert restoration.files == 4
+    assert files == 4
 
 
 def test_interrupted_restore_is_not_served_and_can_be_repeated(
@@ -391,7 +392,8 @@ def test_interrupted_restore_is_not_served_and_can_be_repeated(
 
     assert refused.code == 1
     assert "run `unghost restore` again" in refused.err
-    assert restored(tmp_path / "kept", filled).files == 4
+    _, files = restored(tmp_path / "kept", filled)
+    assert files == 4
     assert doctor_findings(filled).keys() <= {"token"}
 
 
@@ -419,7 +421,8 @@ def test_restore_that_moved_only_the_files_can_be_repeated(
         again = tmp_path / "as_left"
         assert {path.name for path in again.iterdir()} == {".restoring", "blobs"}
 
-    assert restored(kept, again).files == 4
+    _, files = restored(kept, again)
+    assert files == 4
     assert doctor_findings(again).keys() <= {"token"}
 
 

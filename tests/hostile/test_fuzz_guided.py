@@ -20,7 +20,7 @@ import cv2
 import pytest
 
 from app.errors import AppError
-from app.http.bodies import PartLimits, read_parts
+from app.http.bodies import read_parts
 from app.ingest.tar import FrameAssembler, TarLimits, TarStream
 from app.settings import Settings
 from filter_core.annotation.parsing import parse_annotation, without_key
@@ -45,14 +45,14 @@ TRIES = 10 * EXAMPLES
 OWN_CODE = ("/app/", "/filter_core/")
 ARCHIVE = TarLimits(max_archive_bytes=10**7, max_member_bytes=50_000, max_members=99)
 FRAME = Settings(max_parts=16, max_part_bytes=50_000, max_body_bytes=90_000)
-FORM = PartLimits(max_parts=16, max_part_bytes=50_000)
+FORM = {"max_parts": 16, "max_part_bytes": 50_000}
 
 
 def read_archive(content: bytes) -> None:
     stream, frames = TarStream(ARCHIVE), FrameAssembler(FRAME)
     for start in range(0, len(content), 700):
-        for member in stream.feed(content[start : start + 700]):
-            list(frames.add(member))
+        for name, file in stream.feed(content[start : start + 700]):
+            list(frames.add(name, file))
     stream.close()
 
 
@@ -66,7 +66,7 @@ def read_form(content: bytes) -> None:
 
     # It never waits, so that one step runs all of it, without an event loop.
     with suppress(StopIteration):
-        read_parts(media_type.decode("latin-1"), stream(), FORM).send(None)
+        read_parts(media_type.decode("latin-1"), stream(), **FORM).send(None)
         raise AssertionError("it waits for something")
 
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.maintenance.backup import make_backup
+from app.maintenance.backup import BackupLabel, make_backup
 from app.maintenance.datafolder import Advance
 from app.maintenance.doctor import Finding, Severity, examine
-from app.maintenance.restore import Restored, restore
+from app.maintenance.restore import restore
 from app.settings import Settings
 from tests.support.api import Api
 from tests.support.databases import rows_of, settings_of
@@ -35,8 +35,8 @@ def backed_up(data: Path, target: Path, *, incomplete: bool = False) -> Path:
     return make_backup(settings, target, incomplete=incomplete, steps=silently).path
 
 
-def restored(backup: Path, data: Path) -> Restored:
-    """Restore a backup into a data folder."""
+def restored(backup: Path, data: Path) -> tuple[BackupLabel, int]:
+    """Restore a backup into a data folder; its label, and how many files it has."""
     return restore(Settings(data=data), backup, silently)
 
 

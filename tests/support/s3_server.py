@@ -22,7 +22,6 @@ from urllib.parse import urlsplit
 
 from obstore.store import S3Store
 
-from app.addresses import Bucket
 from app.storage.base import place_of
 from app.storage.s3 import S3Place, retrying_client
 from tests.support import plain_http
@@ -60,9 +59,8 @@ class TestBucket:
 
     def place(self, **more: Any) -> S3Place:
         """The bucket as an `S3Place`, to open a store without a service."""
-        bucket = Bucket(self.name, self.prefix)
         chosen = {"region": None, "plain": True, "timeout_s": 20.0, **more}
-        return S3Place(bucket, self.url, **chosen)
+        return S3Place(self.name, self.prefix, self.url, **chosen)
 
     def behind(self, url: str, **more: Any) -> TestBucket:
         """The same bucket through another address, such as a gate's."""

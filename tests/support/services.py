@@ -26,7 +26,7 @@ from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Review, Run
 from app.engine.chunk import Job
 from app.engine.local import LocalEngine
-from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
+from app.ingest.frame import AcceptedFrame, UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
@@ -37,7 +37,7 @@ from app.process.lifespan import running
 from app.review.bulk import review_many, undo_batch
 from app.review.history import history
 from app.review.service import review_box
-from app.runs.flips import PreviewLimits, preview
+from app.runs.flips import preview
 from app.runs.service import RUNS, RunRequest, request_run
 from app.security import Principal
 from app.settings import Settings
@@ -49,6 +49,7 @@ from tests.support.databases import give_tables, settings_of
 from tests.support.statements import interrupted_at
 from tests.support.waiting import until
 from unghost.wire.boxes import BulkIn, ReviewIn
+from unghost.wire.runs import PreviewIn
 
 FLIPS = "INSERT INTO flips "
 """The beginning of a statement of the transaction that ends a run."""
@@ -148,7 +149,7 @@ class ServiceDataset:
 
     def put(
         self, key: str, annotation: Mapping[str, Any], **files: bytes
-    ) -> StoredFrame:
+    ) -> AcceptedFrame:
         content = json.dumps(annotation).encode()
         request = UploadRequest(self.name, self.by, replace=True)
         return add_frame(self.context, request, UploadedFrame(key, content, files))
@@ -281,13 +282,10 @@ class ServiceDataset:
 
     def preview(self, config: Mapping[str, Any]) -> dict[str, Any]:
         with self.context.database.read() as session:
-            counts = preview(
-                self.context,
-                session,
-                self.row(session),
-                load_config(config).after(active_config(session, self.row(session))),
-                PreviewLimits(flips=1000, bins=10),
+            request = PreviewIn.model_validate(
+                {"config": config, "limit": 1000, "bins": 10}
             )
+            counts = preview(self.context, session, self.row(session), request)
         return counts.model_dump()
 
     def row(self, session) -> Dataset:

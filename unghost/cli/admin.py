@@ -75,17 +75,24 @@ def restore(options: RestoreOptions) -> None:
     Every file is compared with its hash while it is copied.
     """
     from app.maintenance.datafolder import CannotMaintain
+    from app.maintenance.restore import is_older
     from app.maintenance.restore import restore as restored
 
-    screen = options.screen
+    screen, data = options.screen, options.settings.data.absolute()
     with refused_on(CannotMaintain):
-        done = restored(options.settings, options.backup, screen.progress)
-    text = f"{done.data}: {done.files} files, as of {done.created_at}"
-    screen.record(done.as_dict(), text)
-    if done.is_older:
+        label, files = restored(options.settings, options.backup, screen.progress)
+    record = {
+        "data": str(data),
+        "files": files,
+        "schema": label.schema,
+        "created_at": label.created_at,
+        "left_out": label.left_out,
+    }
+    screen.record(record, f"{data}: {files} files, as of {label.created_at}")
+    if is_older(label):
         screen.note("`unghost serve` brings its schema up to date when it starts")
-    if done.left_out:
-        screen.note(f"{len(done.left_out)} files are not in the backup")
+    if label.left_out:
+        screen.note(f"{len(label.left_out)} files are not in the backup")
         raise typer.Exit(PARTLY)
 
 

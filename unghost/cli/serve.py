@@ -11,7 +11,7 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
@@ -27,7 +27,6 @@ from unghost.cli.screen import PARTLY, Screen, most_first, refused_on
 from unghost.cli.sources import SourceOptions, open_source, outgoing
 
 if TYPE_CHECKING:
-    from app import serve as startup
     from unghost.client.client import Client
     from unghost.client.outgoing import OutgoingFrame
 
@@ -82,13 +81,13 @@ def serve(options: ServeOptions) -> None:
     stop = threading.Event()
     opened: list[threading.Thread] = []
 
-    def ready(link: startup.LoginLink) -> None:
+    def ready(link: str, is_over: Callable[[], bool]) -> None:
         # Left behind by a service that was killed.
         remove_login_pages(settings.data)
-        record = {"login_link": link.url, "data": str(settings.data)}
-        screen.record(record, startup.ready_text(link.url))
+        record = {"login_link": link, "data": str(settings.data)}
+        screen.record(record, startup.ready_text(link))
         if options.open:
-            arguments = (link.url, settings.data, link.is_over, stop)
+            arguments = (link, settings.data, is_over, stop)
             opened.append(threading.Thread(target=show_login_page, args=arguments))
             opened[0].start()
 
@@ -147,12 +146,12 @@ def demo(options: DemoOptions) -> None:
 
     with refused_on(startup.CannotServe):
 
-        def ready(link: startup.LoginLink) -> None:
+        def ready(link: str, _is_over: Callable[[], bool]) -> None:
             screen.record(
-                {"login_link": link.url, "data": str(settings.data)},
-                startup.ready_text(link.url),
+                {"login_link": link, "data": str(settings.data)},
+                startup.ready_text(link),
             )
-            filling.start(link.url.partition("/#")[0])
+            filling.start(link.partition("/#")[0])
 
         startup.serve(settings, on_locked=filling.is_locked.set, on_ready=ready)
     filling.raise_if_failed()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import h11
 import httpx
@@ -15,14 +15,13 @@ from unghost.client import errors
 from unghost.client.duplex import Duplex, FileChanged
 from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
 from unghost.client.transport import Attempts, Endpoint, RetryPolicy, no_response
+from unghost.wire.words import TAR
 
 if TYPE_CHECKING:
     from unghost.wire.model import Json
 
 Report: TypeAlias = Callable[[Outcome], object]
 """Called with each frame's outcome as soon as it is known."""
-
-_MEDIA_TYPE: Final = "application/x-tar"
 
 
 class BatchSender:
@@ -97,7 +96,7 @@ class BatchSender:
         connection, sent = self._connection, False
         size = sum(packed.size for packed in frames) + len(END_OF_ARCHIVE)
         try:
-            connection.begin(_MEDIA_TYPE, size)
+            connection.begin(TAR, size)
             try:
                 for packed in frames:
                     try:

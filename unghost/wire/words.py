@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from typing import Final, Literal, TypeAlias, get_args
 
+TAR: Final = "application/x-tar"
+"""The media type of archives: of batches, of folders, and of crops."""
+
 # Boxes
 Verdict: TypeAlias = Literal["kept", "rejected", "unmeasured"]
 """The verdict of the filter on a box."""

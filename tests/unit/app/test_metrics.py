@@ -4,14 +4,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from app.metrics import WORK, RequestMetrics, Scrape
+from app.metrics import WORK, RequestMetrics, prometheus_text
 
 THREADS, EACH = 8, 2_000
 
 
 def samples_of(registry):
     """The samples of a registry, by name and by the labels `status` and `le`."""
-    text = Scrape(registry.collect()).text().decode()
+    text = prometheus_text(registry.collect()).decode()
     return {
         (sample.name, sample.labels.get("status"), sample.labels.get("le")): (
             sample.value

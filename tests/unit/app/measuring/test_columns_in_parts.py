@@ -13,18 +13,16 @@ from app.jobs.driver import drive_job
 from app.measuring.columns import ColumnCache
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.flips import (
-    PreviewLimits,
     compared_runs,
     current_histogram,
     preview,
     run_diff,
 )
-from filter_core.config.filter import FilterConfig
 from filter_core.evaluation.thresholds import Goal
 from tests.support import frames as scene
 from tests.support.sensors import ANNOTATION, cube, sensors
 from tests.support.services import run_job
-from unghost.wire.runs import Diff
+from unghost.wire.runs import Diff, PreviewIn
 
 FRAMES = 9
 MOST_BOXES = 40
@@ -73,9 +71,7 @@ def asked(street, most_boxes, question):
 
 
 def preview_question(config):
-    stricter = FilterConfig.from_mapping(config)
-    limits = PreviewLimits(flips=4, bins=20)
-    return partial(preview, config=stricter, limits=limits)
+    return partial(preview, request=PreviewIn(config=config, limit=4, bins=20))
 
 
 COMPUTATIONS: Mapping[str, Callable[..., Any]] = {
