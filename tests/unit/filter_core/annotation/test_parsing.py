@@ -181,14 +181,8 @@ def test_camera_may_lack_a_pose_and_sensors_have_their_own():
     assert read.sensors == {"lidar": Transform((0, 0, 2.4)), "radar": None}
 
 
-@pytest.mark.parametrize(
-    "time",
-    [
-        "2026-01-01T00:00:00Z",
-        "2026-01-01T00:00:00z",
-        "2026-01-01T00:00:00.5Z",
-        "2026-01-01T00:00:00.123456789+02:00",
-    ],
-)
-def test_rfc_3339_times_are_kept_as_given(time):
+@pytest.mark.parametrize("end", ["Z", "z", ".5Z", ".123456789+02:00"])
+def test_rfc_3339_times_are_kept_as_given(end):
+    time = f"2026-01-01T00:00:00{end}"
+
     assert parse_annotation(frame(captured_at=time)).captured_at == time

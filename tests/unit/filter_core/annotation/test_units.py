@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.errors import AnnotationErrors, LayoutError
+from filter_core.errors import AnnotationErrors
 from filter_core.formats.registry import read_source
 from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame
 from tests.support.folders import write_files
 from tests.support.pictures import png
-from tests.support.shared_data import shared
 
 WIDTH, HEIGHT = 640, 360
 TAGS = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -154,11 +153,3 @@ def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
 
     assert outcome.error is not None
     assert [error["code"] for error in outcome.error["errors"]] == [code]
-
-
-@pytest.mark.parametrize("case", ["14-units/xyxy-shares", "14-units/xyxyn-pixels"])
-def test_recordings_of_other_programs_are_refused(case):
-    with pytest.raises(LayoutError) as caught:
-        read_source(shared(f"cases/{case}"))
-
-    assert caught.value.kind == "wrong_unit"

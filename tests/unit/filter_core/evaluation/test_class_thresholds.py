@@ -27,6 +27,7 @@ def test_classes_are_identified_by_name_in_any_order():
 
     assert (light.class_name, light.current, light.boxes) == ("traffic_light", 10, 4)
     assert 1 < light.found.threshold < 6
+    assert TruthCollector(FilterConfig()).suggestions(Goal()) == []
 
 
 def test_with_thresholds_keeps_all_other_settings():
@@ -49,7 +50,3 @@ def test_with_thresholds_keeps_all_other_settings():
         suggestions[0].found.threshold
     )
     assert new.of_class("van") == config.of_class("van")
-
-
-def test_no_frames_give_no_suggestions():
-    assert TruthCollector(FilterConfig()).suggestions(Goal()) == []

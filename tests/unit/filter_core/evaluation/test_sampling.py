@@ -157,7 +157,7 @@ def test_unanswered_boxes_of_the_sample_widen_the_intervals():
     assert partial.value == full.value == 0.8
 
 
-def test_scores_of_boxes_that_are_all_answered_are_exact():
+def test_scores_are_exact_if_all_boxes_are_answered_and_undefined_without_any():
     table = np.zeros((1, 2, 3, 4), np.int64)
     table[0, :, Part.BEFORE, Said.KEEP] = [1, 2]
     table[0, :, Part.SAMPLE, Said.REJECT] = [3, 1]
@@ -167,13 +167,8 @@ def test_scores_of_boxes_that_are_all_answered_are_exact():
 
     exactly = Measured(0.75, 0.75, 0.75)
     assert (whole.precision, whole.recall, whole.f1) == (exactly, exactly, exactly)
-
-
-def test_scores_of_nothing_are_not_defined():
-    nothing = np.zeros((1, 2, 3, 4), np.int64)
-    only_hidden = nothing.copy()
+    nothing, only_hidden = np.zeros((2, 1, 2, 3, 4), np.int64)
     only_hidden[0, 0, Part.SAMPLE, Said.REJECT] = 5
-
     assert estimate(nothing).precision is estimate(nothing).recall is None
     assert estimate(only_hidden).recall is estimate(only_hidden).f1 is None
 
