@@ -1,4 +1,4 @@
-"""Estimates from a random sample: a thousand simulated reviewers of each order.
+"""Estimates from a random sample: hundreds of simulated reviewers of each order.
 
 Every reviewer answers without an error, so that the truth is what the answers on all
 boxes would give.
@@ -20,7 +20,7 @@ from filter_core.evaluation.sampling import (
 )
 from filter_core.evaluation.scores import Confusion, Measured
 
-REVIEWERS = 1000
+REVIEWERS = 400
 # A quarter of the demo's street, decided by tags: of six kinds of boxes, how many there
 # are. Recall is 82 %, F1 78 %.
 KINDS = {
@@ -120,7 +120,7 @@ def test_intervals_cover_the_scores_on_all_boxes(steps, classes, widest):
 
     expected = np.array([truth[name] for name in SCORES])
     covers = (intervals[..., 0] <= expected) & (expected <= intervals[..., 1])
-    # Three standard errors of 95 % in a thousand reviewers.
+    # Three standard errors of 95 % in so many reviewers.
     assert (covers.mean(axis=0) >= 0.95 - 3 * np.sqrt(0.95 * 0.05 / REVIEWERS)).all()
     assert (np.diff(intervals)[..., 0].mean(axis=0) / 2 <= widest).all()
 

@@ -1,5 +1,6 @@
 """Frames decided by depth, instances, order of distance and LiDAR."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,14 @@ from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import Decision
 from filter_core.errors import ImageError, ImageTooLarge
 from filter_core.evidence.channels import Sensors, measure_evidence
+from filter_core.evidence.depth import read_depth
 from filter_core.evidence_kinds import STRONGEST_FIRST, EvidenceChoice
 from filter_core.evidence_numbers import ChannelNumbers, number_columns
+from filter_core.formats.registry import read_source
 from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
+from filter_core.local import filter_source
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from filter_core.segmentation.reading import segmentation_from_tags
 from tests.support.lidar import npy
@@ -36,6 +40,7 @@ from tests.support.sensors import (
     scene,
     street_metres,
 )
+from tests.support.shared_data import shared
 
 
 def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
@@ -312,3 +317,24 @@ def test_absent_fills_every_column_with_its_missing_value():
         assert numbers.shape == (2, *column.shape)
         assert numbers.dtype == column.dtype
         np.testing.assert_equal(numbers, np.full_like(numbers, column.missing))
+
+
+def test_depth_in_another_unit_is_no_evidence(tmp_path):
+    """All pixels are ten times as far away as CARLA would have stored them.
+
+    The case has a visible object N before a hidden one, G, and a free one, F.
+    """
+    (source,) = read_source(shared("cases/02-depth-encodings/raw"))
+    steps = read_depth(source.others["depth"].read_bytes()).steps(np.s_[:, :])
+    steps = np.minimum(steps.astype(np.int64) * 10, (1 << 24) - 1)
+    colors = np.dstack([steps & 255, steps >> 8 & 255, steps >> 16]).astype(np.uint8)
+    (tmp_path / "depth.png").write_bytes(png(colors))
+    scaled = replace(source, others={"depth": tmp_path / "depth.png"})
+
+    (outcome,) = filter_source([scaled], FilterConfig(evidence="auto"), workers=1)
+
+    assert outcome.decisions is not None, outcome.error
+    assert {box["evidence"] for box in outcome.decisions} == {"ordered"}
+    verdicts = {box["id"]: box["verdict"] for box in outcome.decisions}
+    assert verdicts == {"N": "kept", "G": "rejected", "F": "kept"}
+    assert "behind each of the" in outcome.notes[0]

@@ -204,18 +204,6 @@ class TestWithAcceptMasks:
         boxes = frame_boxes(self.BOXES, WH, accept={"car": mask})
         return measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
 
-    def test_new_accept_masks_equal_a_new_measurement(self):
-        measured = self.measured(1 << 14)
-        before = measured.matched_pixels.copy()
-
-        changed = with_accept_masks(measured, np.full(3, 1 << 12))
-
-        np.testing.assert_array_equal(measured.matched_pixels, before)
-        expected = self.measured(1 << 12)
-        for name in ("matched_pixels", "match_percent", "crowding", "accept_mask"):
-            columns = (getattr(evidence, name) for evidence in (changed, expected))
-            np.testing.assert_array_equal(*columns)
-
     @pytest.mark.parametrize("missing", ["tag_counts", "xyxy"])
     def test_missing_histogram_or_boxes_raises_error(self, missing):
         measured = replace(self.measured(1 << 14), **{missing: None})
