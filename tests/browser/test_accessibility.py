@@ -45,6 +45,7 @@ def test_events_are_announced_and_focus_is_always_visible(scene, user):
     user.press("Enter")
     expect(page.locator("main")).to_be_focused()
     assert page.url == address
+
     user.open(scene.link("ghost"))
     focused = "document.activeElement"
     outlines = []

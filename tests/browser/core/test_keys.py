@@ -92,6 +92,7 @@ def test_layer_keys_change_layers_for_good_unless_typed_into_a_field(scene, user
     expect(mask).to_have_attribute("aria-pressed", "true")
     expect(highlight).to_have_attribute("aria-pressed", "false")
     expect(opacity).to_have_value("0.6")
+
     user.open(scene.link("ghost"))
     page.get_by_label("Comment").click()
 

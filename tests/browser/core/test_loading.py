@@ -40,6 +40,7 @@ def test_view_that_fails_to_load_can_be_retried_and_is_built_once(scene, user):
 
     expect(page.locator(".histogram--large canvas")).to_be_visible()
     expect(page.get_by_role("alert")).to_have_count(0)
+
     user.open(scene.link("ghost"))
     page.locator(".stage").evaluate("(stage) => { stage.mark = 'same'; }")
 

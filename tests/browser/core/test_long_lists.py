@@ -10,8 +10,6 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.scenes import MakeScene
-from tests.support.page.windows import Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -26,23 +24,16 @@ def shorten_pages(page: Page, path: str, items: int = 2) -> None:
     page.route(re.compile(rf"/api/v1{path}\?"), ask_for_fewer)
 
 
-@pytest.fixture
-def dataset_on_second_page(user: Visitor, make_scene: MakeScene) -> str:
-    """A dataset with one frame that is the first on the second page of the list."""
+def test_all_datasets_are_listed_and_known_to_an_upload(user, make_scene):
+    """The dataset is the first one on the second page of the list."""
     scene, *others = (make_scene() for _ in range(3))
     listed = scenes.get(scene.http, "/datasets?limit=1000")["items"]
     names = [str(dataset["name"]) for dataset in listed]
-    last = max(names.index(street.dataset) for street in (scene, *others))
+    last = max(names.index(each.dataset) for each in (scene, *others))
     shorten_pages(user.page, "/datasets", last)
-    return names[last]
-
-
-def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_page):
     page = user.open("#/datasets")
-
-    expect(
-        page.get_by_role("heading", name=dataset_on_second_page, exact=True)
-    ).to_be_visible()
+    heading = page.get_by_role("heading", name=names[last], exact=True)
+    expect(heading).to_be_visible()
 
     contents = {
         "9.png": scenes.picture(),
@@ -56,7 +47,7 @@ def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_
         ]
     )
 
-    page.get_by_label("Dataset", exact=True).fill(dataset_on_second_page)
+    page.get_by_label("Dataset", exact=True).fill(names[last])
 
     where = page.locator("#upload-where")
     expect(where).to_contain_text("Adds to a dataset that has 1 frame.")
@@ -88,6 +79,7 @@ def test_older_runs_exports_and_versions_are_shown_on_request(user, street):
     page.get_by_role("button", name="Older exports").click()
 
     expect(exports).to_have_count(3)
+
     shorten_pages(user.page, "/datasets/[^/]+/configs")
     page = user.open(f"#/datasets/{street.dataset}/thresholds")
     versions = page.get_by_role("region", name="Versions")
@@ -97,6 +89,7 @@ def test_older_runs_exports_and_versions_are_shown_on_request(user, street):
 
     expect(versions).to_contain_text("4 versions")
     expect(versions.locator("li")).to_have_count(4)
+
     shorten_pages(user.page, "/datasets/[^/]+/runs", 1)
 
     second = others[0]

@@ -194,6 +194,7 @@ def test_filters_and_sort_order_are_kept_in_the_address(sixty_boxes, user):
     expect(page.get_by_label("Distance, at most")).to_have_count(0)
     expect(page).to_have_url(re.compile(r"distance_max=40"))
     assert "match_min=1" in page.url
+
     # A pending number does not block the way back.
     user.open(f"#/datasets/{sixty_boxes.dataset}/frames")
     expect(page.locator("a.thumb").first).to_be_visible()

@@ -92,6 +92,7 @@ def test_matrix_links_to_boxes_and_suggestion_to_thresholds(user, answered):
     page.get_by_role("link", name="See the 4 boxes on which they differ").click()
     expect(page).to_have_url(re.compile(r"/grid\?conflict=true$"))
     expect(page.locator(".grid-status")).to_contain_text(re.compile(r"\b4 boxes"))
+
     quality_page(user, answered)
     quality = answered.http.get(f"/datasets/{answered.dataset}/quality").json()
     suggested = quality["suggested"][0]["suggested"]
@@ -104,6 +105,7 @@ def test_matrix_links_to_boxes_and_suggestion_to_thresholds(user, answered):
     expect(
         page.locator('[data-figure="rejected_to_kept"] .figure__value')
     ).to_have_text("4")
+
     quality_page(user, answered)
     route_loaded(
         page, "**/quality?*target=recall*", lambda route: route.fulfill(status=500)

@@ -123,6 +123,7 @@ def test_frames_before_are_shown_and_one_answer_is_for_a_track(drive, user):
     expect(page.get_by_text("another frame was on show")).to_be_visible()
     expect(page.locator(".question__ask")).to_contain_text("Can you see")
     assert drive.review("7") is None
+
     items = scenes.get(drive.http, f"/boxes/{drive.box_id('7')}/track")["items"]
     ids = [item["box_id"] for item in items]
 

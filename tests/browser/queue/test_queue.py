@@ -135,6 +135,7 @@ def test_undo_returns_to_the_box_and_removes_its_last_answer(twenty_boxes, user)
     )
     user.wait_until_saved()
     assert answers(twenty_boxes) == {}
+
     # Of two answers on one box, only the second one is undone.
     pressed = {}
 

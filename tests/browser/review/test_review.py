@@ -32,6 +32,7 @@ def test_answer_key_stores_its_answer_at_once(scene: Scene, user: Visitor):
         user.wait_until_saved()
         review = scene.review(name)
         assert (review["verdict"], review["revision"]) == (verdict, 1)
+
     # The filter's own verdict stays beside the effective one.
     page = user.open(scene.link("ghost"))
     expect(page.locator(".inspector__head .badge svg")).to_have_count(1)
@@ -175,6 +176,7 @@ def test_history_shows_older_entries_and_deleted_measurements(scene, user):
     page.get_by_role("button", name="Older entries").click()
     expect(items).to_have_count(52)
     expect(items.last).to_contain_text("rejected")
+
     gone = {"verdict": None, "reason": None, "match_percent": None, "threshold": None}
     box_id = scene.box_id("hidden")
     history = get(scene.http, f"/boxes/{box_id}/history")
@@ -253,6 +255,7 @@ def test_emptied_comment_field_does_not_hide_a_stored_comment(scene, user):
 
     user.wait_until_saved()
     assert scene.review("ghost")["comment"] == "behind the bus"
+
     # Preferences can change even if the browser's storage is full.
     page.evaluate(FILL)
 

@@ -65,6 +65,7 @@ def test_flip_shows_both_sides_and_dragging_updates_counts(user, street):
 
     box = next(box for box in street.frame["boxes"] if box["id"] == "car-30")
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
+
     open_thresholds(user, street)
     expect(figure(page, "kept")).to_have_text("4")
 
@@ -179,6 +180,7 @@ def test_saving_a_version_lists_its_changes_and_applying_it_starts_a_run(user, s
     assert versions[0]["digest"] == digest
     assert versions[0]["config"]["threshold_small_box"] == 40
     assert applied_config(street)["threshold_small_box"] == 10
+
     open_thresholds(user, street, "?threshold_small_box=40")
     page.get_by_role("button", name="Save as new config version").click()
 
@@ -380,6 +382,7 @@ def test_yaml_is_accepted_and_flips_are_filtered_by_class(user, street):
     config = stored.json()["config"]
     assert config["threshold_small_box"] == 12.5
     assert config["classes"] == {"car": {"accept": [14]}}
+
     open_thresholds(user, street, "?threshold_small_box=60")
     expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()
 
@@ -389,6 +392,7 @@ def test_yaml_is_accepted_and_flips_are_filtered_by_class(user, street):
     expect(page.get_by_role("row", name=re.compile("^visible 1 1"))).to_be_visible()
     expect(page.get_by_text("No verdict changes.")).to_be_visible()
     expect(page).to_have_url(re.compile("class=walker"))
+
     open_thresholds(user, street)
     legend = page.locator(".chartlegend")
     expect(legend).to_contain_text("at or above it")
