@@ -125,20 +125,10 @@ def test_threshold_is_set_by_arrow_keys_or_by_typing_a_valid_number(user, street
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
-def test_last_drag_is_undone_and_tried_thresholds_are_kept_in_the_link(user, street):
+def test_tried_thresholds_are_kept_in_the_link_and_the_last_drag_is_undone(
+    user, street
+):
     page = open_thresholds(user, street)
-    field = page.get_by_label("Threshold of car, percent")
-    field.fill("33")
-    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "33")
-    dragged(page, handle(page, "all classes"), to=60)
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
-
-    user.press("Control+z")
-
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
-    expect(field).to_have_value("33")
-    user.press("Control+z")
-    expect(field).to_have_value("10")
     handle(page, "all classes").focus()
     user.press("PageUp")
     expect(page).to_have_url(re.compile(r"\?threshold_small_box=20$"))
@@ -154,6 +144,19 @@ def test_last_drag_is_undone_and_tried_thresholds_are_kept_in_the_link(user, str
     page.get_by_role("button", name="Reset").click()
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
     expect(page).to_have_url(re.compile("/thresholds$"))
+
+    field = page.get_by_label("Threshold of car, percent")
+    field.fill("33")
+    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "33")
+    dragged(page, handle(page, "all classes"), to=60)
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
+
+    user.press("Control+z")
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
+    expect(field).to_have_value("33")
+    user.press("Control+z")
+    expect(field).to_have_value("10")
 
 
 def test_saving_a_version_lists_its_changes_and_applying_it_starts_a_run(user, street):

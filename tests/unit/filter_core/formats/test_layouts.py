@@ -464,8 +464,8 @@ def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):
         ("label50/2.txt", "not in the widest band, label200")
     ]
     # Without a class, rectangles are in pixels, and of the default class.
-    files = {"label/1.txt": "10 20 4 6\n", "img/1.png": None}
-    raw = write_files(tmp_path / "raw", files)
+    raw = write_files(tmp_path / "raw", {"label/1.txt": "10 20 4 6\n"})
+    write_files(raw, {"img/1.png": None})
     usual, named = RecordingDescription(), RecordingDescription(default_class="car")
     for options, name in ((usual, "unknown"), (named, "car")):
         (frame,) = read_source(raw, options=options)
