@@ -299,6 +299,7 @@ def test_whole_maps_are_the_part_for_validation():
     with pytest.raises(ExportError, match="no frame is of the map 'Town2'; there are"):
         export("yolo", frames, val_maps="Town01,Town2")
     contradictions: list[dict[str, object]] = [{"split_by": "map"}, {"val_maps": ["a"]}]
-    for options in (*contradictions, {"val_maps": "a", "split": [0.8]}):
+    contradictions.append({"val_maps": "a", "split": [0.8]})
+    for options in contradictions:
         with pytest.raises(ExportError, match="expected"):
             export("yolo", of_towns({"a": 1}), **options)
