@@ -40,29 +40,22 @@ ERRORS = [*class_and_subclasses(AppError), *class_and_subclasses(FilterError)]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
-def test_every_error_has_a_status(error):
+def test_every_error_has_a_status_a_stable_code_and_a_docstring(error):
     statuses = [STATUS[cls] for cls in error.__mro__ if cls in STATUS]
 
     assert statuses
     assert 400 <= statuses[0] < 600
     assert error in MAY_BE_500 or statuses[0] < 500 or statuses[0] == 503
-
-
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
-def test_every_error_has_a_stable_code_and_a_docstring(error):
     assert error.code.replace("_", "").isalpha()
     assert error.code.islower()
     assert error.__doc__
 
 
-def test_error_codes_of_the_service_are_unique():
+def test_error_codes_are_unique_and_every_class_is_in_its_modules_docstring():
     classes = class_and_subclasses(AppError)
     codes = [vars(cls)["code"] for cls in classes if "code" in vars(cls)]
 
     assert sorted(codes) == sorted(set(codes))
-
-
-def test_every_error_class_is_in_the_docstring_of_its_module():
     for root in (AppError, FilterError):
         module = importlib.import_module(root.__module__)
         own = {

@@ -64,8 +64,5 @@ def test_table_is_written_only_by_its_owner(writes):
     assert {table for _, table in pairs} >= {"Decision", "Frame", "Review", "Run"}
     by_others = {write for write in pairs if owner[write[1]] != write[0]}
     assert by_others == WRITTEN_BY_JOBS
-
-
-def test_decisions_and_answers_are_written_by_a_single_module(writes):
     for module, names in WRITTEN_BY_ONE_MODULE.items():
         assert {source for source, name in writes if name in names} == {module}

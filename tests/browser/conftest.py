@@ -1,9 +1,9 @@
 """Fixtures of the browser tests: a browser, a real server, and data sent over HTTP."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from itertools import count
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import httpx
 import pytest
@@ -28,6 +28,7 @@ expect.set_options(timeout=15_000)
 
 
 _numbers = count(1)
+MODULES_OF_A_SITE = 8
 
 
 @pytest.fixture(scope="session")
@@ -37,11 +38,47 @@ def browser() -> Iterator[Browser]:
         yield running
 
 
+class Site(NamedTuple):
+    """A server, and a window of it that tests share, since opening one takes long."""
+
+    server: RunningServer
+    window: SharedWindow
+
+
+@pytest.fixture(scope="session")
+def next_site(
+    browser: Browser, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[], Site]]:
+    """Gives each module a site, which some modules before and after it have, too.
+
+    Not all do: the page takes long to list hundreds of datasets.
+    """
+    sites: list[Site] = []
+    modules = count()
+
+    def give() -> Site:
+        if next(modules) % MODULES_OF_A_SITE == 0:
+            opened.close()
+            data = tmp_path_factory.mktemp("server") / "data"
+            server = opened.enter_context(running_server(data))
+            context = opened.enter_context(new_context(browser))
+            kept = context.new_page()
+            kept.goto(f"{server.url}/healthz")
+            sites.append(Site(server, SharedWindow(context, kept)))
+        return sites[-1]
+
+    with ExitStack() as opened:
+        yield give
+
+
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """One server for each module: the page takes long to list hundreds of datasets."""
-    with running_server(tmp_path_factory.mktemp("server") / "data") as running:
-        yield running
+def site(next_site: Callable[[], Site]) -> Site:
+    return next_site()
+
+
+@pytest.fixture(scope="module")
+def server(site: Site) -> RunningServer:
+    return site.server
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +89,7 @@ def http(server: RunningServer) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def make_scene(http: httpx.Client) -> MakeScene:
     """Makes a new dataset with one frame: `make_scene(form="raw", boxes=[...])`.
 
@@ -91,21 +128,12 @@ def signed_in(server: RunningServer) -> StorageState:
     return cast("StorageState", server.signed_in())
 
 
-@pytest.fixture(scope="module")
-def shared_window(browser: Browser, server: RunningServer) -> Iterator[SharedWindow]:
-    """A window that tests share, since opening one takes as long as a page does."""
-    with new_context(browser) as context:
-        kept = context.new_page()
-        kept.goto(f"{server.url}/healthz")
-        yield SharedWindow(context, kept)
-
-
 @pytest.fixture
 def open_window(
     browser: Browser,
     server: RunningServer,
     signed_in: StorageState,
-    shared_window: SharedWindow,
+    site: Site,
 ) -> Iterator[OpenWindow]:
     """Opens a window: `open_window(viewport=PHONE)`.
 
@@ -124,8 +152,8 @@ def open_window(
             page = opened.enter_context(window).new_page()
         else:
             taken = True
-            opened.callback(shared_window.leave)
-            page = shared_window.page(signed_in, **options)
+            opened.callback(site.window.leave)
+            page = site.window.page(signed_in, **options)
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda message: note(message.type, message.text))
         return Visitor(page, server.url)

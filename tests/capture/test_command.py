@@ -75,12 +75,8 @@ def test_missing_simulator_exits_with_69(bare_unghost, tmp_path):
     assert said.code == 69, said.err
     assert f"no simulator at 127.0.0.1:{port}" in said.err
     assert not (tmp_path / "capture-street").exists()
-
-
-def test_unknown_host_exits_with_69(bare_unghost, tmp_path):
     # No host has a name that ends in ".invalid": it is reserved for this.
     said = bare_unghost("capture", write_scenario(tmp_path, host="simulator.invalid"))
-
     assert said.code == 69, said.err
     assert "no simulator at simulator.invalid:2000" in said.err
 
@@ -119,10 +115,6 @@ def test_unreachable_service_fails_before_recording(as_carla, tmp_path, monkeypa
     assert isinstance(done.exception, NoResponse)
     assert as_carla.simulator.spawned == ["traffic.traffic_light"]
     assert not (tmp_path / "out").exists()
-
-
-def test_missing_scenario_argument_exits_with_2():
-    assert run().exit_code == 2
 
 
 def test_carlasimu_files_are_converted_to_a_scenario(tmp_path):
@@ -218,3 +210,4 @@ def test_missing_carla_library_shows_the_install_command(tmp_path, monkeypatch):
 
     assert done.exit_code == 1
     assert "pip install 'unghost[carla]'" in str(done.exception)
+    assert run().exit_code == 2  # without a scenario

@@ -71,23 +71,17 @@ def test_projection_of_annotations_matches_the_matrices_of_the_library(pose):
     np.testing.assert_allclose(read.amodal_xyxy[0], expected, atol=0.05)
 
 
-def test_mount_is_converted_to_the_same_transform():
+def test_mount_weather_and_lights_are_those_of_the_library():
     mount = Mount(x=1.5, y=-0.4, z=2.4, pitch=-5, yaw=30, roll=1)
 
     pose = as_transform(pose_of(carla, mount))
 
     assert pose == Transform((1.5, -0.4, 2.4), (-5, 30, 1))
-
-
-def test_weather_parameters_round_trip():
     for preset in (
         carla.WeatherParameters.HardRainNoon,
         carla.WeatherParameters.Default,
     ):
         assert parameters(carla, as_numbers(preset)) == preset
-
-
-def test_vehicle_lights_are_combined_as_flags():
     state = light_state(carla, ["LowBeam", "Fog"])
 
     assert state == carla.VehicleLightState(

@@ -76,7 +76,7 @@ def test_each_tick_of_a_synchronous_world_comes_with_clean_boxes(script, names):
     assert world.get_settings().synchronous_mode
 
 
-def test_callback_gets_every_tick_that_the_script_makes(script):
+def test_callback_gets_every_tick_and_its_error_is_raised_by_close(script):
     _, world, sensors = script
     seen: list[unghost.LiveFrame] = []
 
@@ -88,10 +88,6 @@ def test_callback_gets_every_tick_that_the_script_makes(script):
     assert [frame.tick for frame in seen] == ticks
     with pytest.raises(StopIteration):
         next(live)
-
-
-def test_error_of_a_callback_is_raised_by_close(script):
-    _, world, sensors = script
 
     def refuse(frame):
         raise ValueError(f"tick {frame.tick}")

@@ -66,15 +66,6 @@ def test_damaged_manifest_is_refused_and_unchanged(stage):
     assert stage.left_behind() == {}
 
 
-def test_another_scenario_in_the_same_folder_is_refused(stage):
-    stage.capture(**SHORT_SCENARIO)
-
-    with pytest.raises(CaptureError, match="another scenario"):
-        stage.capture(**SHORT_SCENARIO, seed=5)
-
-    assert len(stage.frames()) == 3
-
-
 @pytest.mark.parametrize(
     ("ego", "words"),
     [

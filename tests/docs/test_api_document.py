@@ -3,8 +3,6 @@
 import json
 import re
 
-import pytest
-
 from app.main import create_app
 from app.settings import Settings
 from tests.support import plain_http
@@ -15,30 +13,22 @@ ROW = re.compile(r"^\| ([A-Z]+) \| `(/[^`]*)` \| (.*) \|$", re.MULTILINE)
 IN_PROSE = re.compile(rf"`({'|'.join(METHODS)}) (/[^`?\s]*)")
 
 
-@pytest.fixture(scope="module")
-def routes():
-    """(method, path) of every route of the OpenAPI document."""
-    paths = create_app(Settings()).openapi()["paths"]
-    return {
-        (method.upper(), path)
-        for path, operations in paths.items()
-        for method in operations
-    }
-
-
 def shape(path):
     """A path with `{}` in place of each parameter, to compare paths."""
     return re.sub(r"\{[^}]*\}", "{}", path)
 
 
-def test_every_route_is_listed_and_every_listed_route_exists(routes):
+def test_routes_are_those_that_the_documents_list_and_mention():
+    paths = create_app(Settings()).openapi()["paths"]
+    routes = {
+        (method.upper(), path)
+        for path, operations in paths.items()
+        for method in operations
+    }
     listed = ROW.findall(read("docs/api.md"))
 
     assert {(method, path) for method, path, _ in listed} == routes
     assert [path for _, path, text in listed if not text.strip()] == []
-
-
-def test_every_route_mentioned_in_the_documents_exists(routes):
     shapes = {(method, shape(path)) for method, path in routes}
     mentioned = {
         (method, shape(path))

@@ -27,7 +27,7 @@ def shell_lines():
     ]
 
 
-def test_every_documented_make_command_is_a_target():
+def test_every_documented_make_command_is_a_target_with_help_and_ci_runs_test():
     targets = set(MAKE_TARGET.findall(read("Makefile")))
     prose = [document.read_text("utf-8") for document in DOCUMENTS]
 
@@ -36,17 +36,18 @@ def test_every_documented_make_command_is_a_target():
 
     assert named | typed <= targets
     assert {"demo", "test"} <= typed
-
-
-def test_every_target_has_help():
     phony = re.search(r"^\.PHONY: (.*)$", read("Makefile"), re.MULTILINE)
 
     assert phony is not None
-    assert set(phony[1].split()) == set(MAKE_TARGET.findall(read("Makefile")))
+    assert set(phony[1].split()) == targets
+    lines = read(".ci/run").splitlines()
+    code = [line for line in lines if line and not line.startswith("#")]
+
+    assert code[-1] == "exec make test </dev/null"
 
 
 @pytest.mark.parametrize("path", COMMANDS)
-def test_every_command_and_option_has_help(path):
+def test_every_command_and_option_has_help_and_its_environment_variable(path):
     command = COMMANDS[path]
 
     silent = [
@@ -57,11 +58,7 @@ def test_every_command_and_option_has_help(path):
 
     assert command.help
     assert silent == []
-
-
-@pytest.mark.parametrize("path", COMMANDS)
-def test_options_show_exactly_the_environment_variables_they_read(path):
-    parameters = [vars(option) for option in COMMANDS[path].params]
+    parameters = [vars(option) for option in command.params]
 
     shown = {option["name"] for option in parameters if option["show_envvar"]}
     assert shown == {option["name"] for option in parameters if option["envvar"]}
@@ -98,10 +95,3 @@ def test_make_without_a_target_lists_every_target():
     named = re.findall(r"^  make ([\w-]+) ", listing, re.MULTILINE)
 
     assert named == MAKE_TARGET.findall(read("Makefile"))
-
-
-def test_ci_runs_make_test():
-    lines = read(".ci/run").splitlines()
-    code = [line for line in lines if line and not line.startswith("#")]
-
-    assert code[-1] == "exec make test </dev/null"

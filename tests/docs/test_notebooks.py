@@ -75,7 +75,4 @@ def test_client_notebook_runs(demo, tmp_path):
     assert said.count("image/webp") == 3
     assert "5 answers, 5 undone" in said
     assert "files, such as " in said
-
-
-def test_every_notebook_has_a_test():
     assert [path.stem for path in NOTEBOOKS] == ["client"]

@@ -50,18 +50,15 @@ def exposed_metrics(server):
 
 
 @pytest.mark.sqlite_files("one metric is of its log")
-def test_documented_metrics_equal_the_exposed_metrics(server):
-    assert first_cells(section("Metrics")) == exposed_metrics(server)
-
-
-@pytest.mark.sqlite_files("one metric is of its log")
-def test_alert_rules_use_only_existing_metrics(server):
+def test_documented_metrics_are_the_exposed_ones_and_alerts_use_no_others(server):
+    exposed = exposed_metrics(server)
+    assert first_cells(section("Metrics")) == exposed
     (rules,) = (yaml.safe_load(text) for text in blocks(section("Alerts"), "yaml"))
     queries = [rule["expr"] for group in rules["groups"] for rule in group["rules"]]
 
     names = {BUCKETS.sub("", name) for text in queries for name in METRIC.findall(text)}
     assert len(queries) >= 5
-    assert names <= exposed_metrics(server)
+    assert names <= exposed
 
 
 def test_every_readiness_check_is_documented(server):
@@ -85,9 +82,6 @@ def test_every_setting_in_the_document_exists():
     variables = {f"UNGHOST_{name.upper()}" for name in Settings.model_fields}
 
     assert set(SETTING.findall(read("docs/operations.md"))) <= variables | of_the_client
-
-
-def test_cache_memory_bound_is_as_documented():
     most_kib = MOST_CONNECTIONS * CACHE_KIB + WRITER_CACHE_KIB
 
     assert f"at most {most_kib // 1024} MiB" in read("docs/operations.md")

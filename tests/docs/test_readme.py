@@ -41,11 +41,7 @@ def test_the_library_example_keeps_the_visible_car_and_rejects_the_ghost(capsys)
     assert first.startswith("0 kept: 100 %")
     assert second.startswith("1 rejected: ")
     assert "Building" in second
-
-
-def test_the_library_example_is_ten_lines_beside_its_imports():
     code = [line for line in LIBRARY.splitlines() if line.strip()]
-
     assert len([line for line in code if "import" not in line]) <= 10
 
 

@@ -5,7 +5,6 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
@@ -86,18 +85,3 @@ def test_authors_own_configuration_skips_boxes_by_their_distance_ahead():
     assert result.decisions[-1]["explanation"] == (
         "rejected: its centre is not far enough ahead of the camera"
     )
-
-
-@pytest.mark.parametrize("kind", ["vehicle.tesla.model3", "walker.pedestrian.0001"])
-def test_blueprint_gets_the_same_decision_as_its_class(kind):
-    name = {"vehicle.tesla.model3": "car", "walker.pedestrian.0001": "walker"}[kind]
-    config = FilterConfig(profile="carlasimu", palette="paper-table1")
-    content = (SMALL / "masks" / "mask_003.png").read_bytes()
-    rectangle = [20, 20, 90, 90]
-
-    by_type, by_class = (
-        filter_frame({"boxes": [{**box, "xyxy": rectangle}]}, content, config)
-        for box in ({"type_id": kind}, {"class": name})
-    )
-
-    assert by_type.decisions == by_class.decisions

@@ -49,7 +49,7 @@ def environment(name: str) -> dict[str, str]:
     }
 
 
-def test_only_the_proxy_is_published_and_only_on_loopback():
+def test_only_the_proxy_is_published_and_services_share_what_they_store():
     published = {
         name: spec["ports"] for name, spec in SERVICES.items() if "ports" in spec
     }
@@ -59,10 +59,21 @@ def test_only_the_proxy_is_published_and_only_on_loopback():
     assert {
         name for name, spec in SERVICES.items() if spec["networks"] != ["inside"]
     } == {"proxy"}
+    commands = [spec["command"] for spec in SERVICES.values() if "command" in spec]
+    assert {words[0] for words in commands} == {"unghost"}
+    assert {words[1] for words in commands} <= set(COMMANDS)
+    places = ("UNGHOST_DATABASE_URL", "UNGHOST_STORAGE", "UNGHOST_ENGINE")
+    of_each = {
+        tuple(environment(name)[place] for place in places)
+        for name in ("api-1", "api-2", "worker")
+    }
+    assert len(of_each) == 1
 
 
 @pytest.mark.parametrize("name", OWN_SERVICES)
-def test_every_setting_of_a_container_exists(name, monkeypatch):
+def test_settings_of_a_container_exist_and_its_certificates_are_there(
+    name, monkeypatch
+):
     named = environment(name)
     ours = {key: value for key, value in named.items() if key.startswith("UNGHOST_")}
     fields = {f"UNGHOST_{field.upper()}" for field in Settings.model_fields}
@@ -72,26 +83,12 @@ def test_every_setting_of_a_container_exists(name, monkeypatch):
     Settings()
 
     assert set(ours) <= fields
-
-
-@pytest.mark.parametrize("name", OWN_SERVICES)
-def test_each_container_gets_exactly_the_certificates_it_names(name):
-    named = environment(name).values()
-    shown = {
-        Path(value).name for value in named if str(value).startswith("/run/secrets/")
-    }
+    secrets = [value for value in named.values() if "/run/secrets/" in str(value)]
+    shown = {Path(value).name for value in secrets}
 
     assert shown == set(SERVICES[name]["secrets"])
     assert shown <= set(COMPOSE_FILE["secrets"])
     assert "ca.key" not in COMPOSE_FILE["secrets"]
-
-
-def test_containers_run_commands_that_exist():
-    commands = [spec["command"] for spec in SERVICES.values() if "command" in spec]
-
-    assert commands
-    assert {words[0] for words in commands} == {"unghost"}
-    assert {words[1] for words in commands} <= set(COMMANDS)
 
 
 def containers(part: Any) -> Iterator[dict[str, Any]]:
@@ -144,17 +141,6 @@ def test_pods_disable_the_service_links_of_kubernetes(monkeypatch):
     assert [pod.get("enableServiceLinks") for pod in all_pods] == [False] * 3
 
 
-def test_services_and_workers_share_database_storage_and_engine():
-    places = ("UNGHOST_DATABASE_URL", "UNGHOST_STORAGE", "UNGHOST_ENGINE")
-
-    of_each = {
-        tuple(environment(name)[place] for place in places)
-        for name in ("api-1", "api-2", "worker")
-    }
-
-    assert len(of_each) == 1
-
-
 def test_image_installs_the_locked_packages_that_the_cluster_needs():
     last = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))[-1]
 
@@ -166,17 +152,11 @@ def test_image_installs_the_locked_packages_that_the_cluster_needs():
 
 
 @contextmanager
-def proxy(folder: Path, ports: list[int]) -> Iterator[str]:
-    """Run nginx as the proxy of servers on these ports; gives the proxy's address."""
-    with reserved_port() as port, nginx(folder, port, ports):
-        yield f"http://127.0.0.1:{port}"
-
-
-@contextmanager
-def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[None]:
+def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[str]:
     """Run nginx with the configuration of `deploy`, its addresses replaced.
 
-    It listens on `port` and passes requests to servers on `ports`.
+    It listens on `port`, at the address that this gives, and passes requests to servers
+    on `ports`.
     """
     assert NGINX is not None
     text = (CHECKOUT / "deploy" / "nginx.conf").read_text("utf-8")
@@ -189,23 +169,21 @@ def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[None]:
     user = "user root;\n" if os.geteuid() == 0 else ""
     file.write_text(user + text, "utf-8")
     command = [NGINX, "-p", str(folder), "-c", str(file), "-g", "daemon off;"]
-    running = subprocess.Popen(command)
-    try:
-        wait_for(f"http://127.0.0.1:{port}/readyz")
-        yield
-    finally:
-        running.terminate()
-        running.wait(30)
+    url = f"http://127.0.0.1:{port}"
 
-
-def wait_for(url: str) -> None:
-    def answers() -> bool:
+    def is_ready() -> bool:
         try:
-            return httpx.get(url, timeout=5).is_success
+            return httpx.get(f"{url}/readyz", timeout=5).is_success
         except httpx.TransportError:
             return False
 
-    until(answers, f"{url} does not answer")
+    running = subprocess.Popen(command)
+    try:
+        until(is_ready, f"{url} is not ready")
+        yield url
+    finally:
+        running.terminate()
+        running.wait(30)
 
 
 @pytest.fixture
@@ -236,7 +214,11 @@ def test_proxy_passes_uploads_and_keeps_working_after_a_service_stops(
         )
         for number in range(40)
     ]
-    with proxy(folder, ports) as url, Client(url, token=first.token) as client:
+    with (
+        reserved_port() as port,
+        nginx(folder, port, ports) as url,
+        Client(url, token=first.token) as client,
+    ):
         client.create_dataset("street")
         stored = [outcome.word for outcome in client.push("street", frames)]
         run = client.start_run("street", {"min_visible_pixels": 500})

@@ -10,12 +10,6 @@ from tests.support.installation import Installation, build_distributions
 from tests.support.sources import CHECKOUT
 
 
-def names_in(wheel: Path) -> list[str]:
-    """The names of all files in the wheel."""
-    with zipfile.ZipFile(wheel) as archive:
-        return archive.namelist()
-
-
 def expected_files(folder: str, pattern: str) -> set[str]:
     """The names of a checkout folder's files that belong in the wheel."""
     return {
@@ -25,38 +19,26 @@ def expected_files(folder: str, pattern: str) -> set[str]:
     }
 
 
-@pytest.mark.parametrize(
-    ("folder", "inside"), [("static", "app/_static"), ("migrations", "app/_migrations")]
-)
-def test_wheel_contains_every_resource_inside_the_package(wheel, folder, inside):
-    names = names_in(wheel)
+def test_wheel_has_every_resource_and_module_of_its_packages_and_no_others(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
 
-    carried = {
-        name.removeprefix(f"{inside}/") for name in names if name.startswith(inside)
-    }
-
-    # Types are for the type checker alone.
-    assert carried == expected_files(folder, "*") - expected_files(folder, "*.d.ts")
-
-
-def test_the_wheel_has_every_module_and_the_type_markers(wheel):
-    names = set(names_in(wheel))
-
-    for package in ("app", "filter_core", "unghost"):
+    for folder in ("static", "migrations"):
+        inside = f"app/_{folder}"
+        carried = {
+            name.removeprefix(f"{inside}/") for name in names if name.startswith(inside)
+        }
+        # Types are for the type checker alone.
+        types = expected_files(folder, "*.d.ts")
+        assert carried == expected_files(folder, "*") - types
+    packages = {"app", "filter_core", "unghost"}
+    for package in packages:
         modules = expected_files(package, "*.py") | expected_files(package, "*.pyi")
         assert {f"{package}/{name}" for name in modules} <= names
     files = {"filter_core/py.typed", "unghost/py.typed", "unghost/cli/page.css"}
     assert files <= names
-
-
-def test_wheel_has_no_other_top_level_packages(wheel):
-    tops = {name.split("/")[0] for name in names_in(wheel)}
-
-    assert {top for top in tops if not top.endswith(".dist-info")} == {
-        "app",
-        "filter_core",
-        "unghost",
-    }
+    tops = {name.split("/")[0] for name in names}
+    assert {top for top in tops if not top.endswith(".dist-info")} == packages
 
 
 def test_the_sdist_has_what_the_wheel_is_built_from(distributions: Path):
@@ -88,14 +70,13 @@ def test_another_build_gives_the_same_wheel(
     assert again.read_bytes() == wheel.read_bytes()
 
 
-def test_installed_command_prints_its_help(installation: Installation):
+def test_installed_command_prints_its_help_and_finds_resources(
+    installation: Installation,
+):
     outcome = installation.run(str(installation.command("unghost")), "--help")
 
     assert outcome.returncode == 0, outcome.stderr
     assert "push" in outcome.stdout
-
-
-def test_resources_are_found_in_the_installed_package(installation: Installation):
     outcome = installation.run(
         "-c",
         "from app import package\n"

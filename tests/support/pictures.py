@@ -70,6 +70,14 @@ def jpeg(rgb: np.ndarray, quality: int = 95) -> bytes:
     ].tobytes()
 
 
+def with_orientation(content: bytes, orientation: int) -> bytes:
+    """A JPEG that EXIF says how to turn."""
+    tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, orientation, 0, 0)
+    body = b"Exif\x00\x00" + tiff
+    size = struct.pack(">H", len(body) + 2)
+    return content[:2] + b"\xff\xe1" + size + body + content[2:]
+
+
 def with_alpha(rgb: np.ndarray, alpha: np.ndarray | int = 255) -> np.ndarray:
     """RGB pixels with an alpha channel added: (H, W), or one value for all."""
     return np.dstack([rgb, np.broadcast_to(np.uint8(alpha), rgb.shape[:2])])

@@ -27,6 +27,14 @@ def test_filters_and_selection_survive_a_reload(scene: Scene, user: Visitor):
     expect(page.locator(".box")).to_have_count(1)
     expect(page.get_by_label("Reason")).to_have_value("below_threshold")
     expect(page.locator(".inspector__head h2")).to_have_text("car hidden")
+    user.open(scene.link("ghost", verdict="kept"))
+    expect(page.locator("[aria-selected=true]")).to_contain_text("ghost")
+    expect(page.locator(".panel__count")).to_contain_text("2 boxes")
+
+    page.get_by_role("button", name="Show all").click()
+
+    expect(page.locator(".panel__count")).to_have_text("5 boxes")
+    assert page.url.endswith(f"?box={scene.box_id('ghost')}")
 
 
 def test_frame_applies_filters_of_its_link_and_counts_hidden_boxes(scene, user):
@@ -45,17 +53,6 @@ def test_frame_applies_filters_of_its_link_and_counts_hidden_boxes(scene, user):
         expect(page.locator(".box__name")).to_have_text(names)
         hidden = page.locator(".panel__hidden")
         expect(hidden).to_contain_text(f"{5 - len(shown)} hidden")
-
-
-def test_selected_box_stays_listed_beside_a_filter_and_when_it_is_cleared(scene, user):
-    page = user.open(scene.link("ghost", verdict="kept"))
-    expect(page.locator("[aria-selected=true]")).to_contain_text("ghost")
-    expect(page.locator(".panel__count")).to_contain_text("2 boxes")
-
-    page.get_by_role("button", name="Show all").click()
-
-    expect(page.locator(".panel__count")).to_have_text("5 boxes")
-    assert page.url.endswith(f"?box={scene.box_id('ghost')}")
 
 
 def test_frame_list_filters_persist_into_a_frame_and_back(scene, user):
@@ -81,7 +78,7 @@ def test_frame_list_filters_persist_into_a_frame_and_back(scene, user):
     expect(page.locator("a.thumb")).to_have_count(1)
 
 
-def test_frames_are_filtered_by_key_prefix(scene, user):
+def test_frames_are_filtered_by_key_prefix_and_back_returns_to_them(scene, user):
     scene.push("other/000001")
     page = user.open(f"#/datasets/{scene.dataset}/frames")
 
@@ -94,6 +91,11 @@ def test_frames_are_filtered_by_key_prefix(scene, user):
     expect(page.get_by_role("heading", name="No frame matches")).to_be_visible()
     page.get_by_role("button", name="Clear the filters").click()
     expect(page.locator("a.thumb")).to_have_count(2)
+    page.locator("a.thumb").first.click()
+    user.wait_until_drawn()
+    user.press("j", "j")
+    page.go_back()
+    expect(page.locator("[data-view=frames]")).to_be_visible()
 
 
 def test_long_frame_list_is_paginated_while_scrolling(scene, user):
@@ -108,17 +110,6 @@ def test_long_frame_list_is_paginated_while_scrolling(scene, user):
     expect(page.locator("a.thumb")).to_have_count(65)
     expect(page.locator(".page__count")).to_have_text("65 frames")
     assert page.locator("a.thumb").nth(64).get_attribute("title") == "run/000065"
-
-
-def test_browser_back_returns_to_the_frame_list(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}/frames")
-    page.locator("a.thumb").click()
-    user.wait_until_drawn()
-    user.press("j", "j")
-
-    page.go_back()
-
-    expect(page.locator("[data-view=frames]")).to_be_visible()
 
 
 def test_unknown_address_says_so_and_links_to_the_datasets(user):

@@ -7,7 +7,8 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.scenes import Scene
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import car_at
 from tests.support.page.windows import Visitor, first_held, route_loaded
 
 pytestmark = pytest.mark.browser
@@ -20,11 +21,12 @@ def respond_with_500(route: Route) -> None:
     route.fulfill(status=500, json=PROBLEM)
 
 
-@pytest.fixture
-def street(street: Scene) -> Scene:
-    """The street after a run that has changed the verdict of one of its two boxes."""
-    street.decide(threshold_small_box=40)
-    return street
+@pytest.fixture(scope="module")
+def street(make_scene: MakeScene) -> Scene:
+    """Two cars, after a run that has changed the verdict of one; no test changes it."""
+    scene = make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
+    scene.decide(threshold_small_box=40)
+    return scene
 
 
 def view(path: str, *, click: str = "") -> Callable[[Visitor, Scene], None]:

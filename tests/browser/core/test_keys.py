@@ -73,7 +73,7 @@ def test_keys_zoom_to_the_selected_box_in_and_back(scene, user):
     assert view(page) == pytest.approx(before)
 
 
-def test_layer_and_bracket_keys_change_layers_and_are_remembered(scene, user):
+def test_layer_keys_change_layers_for_good_unless_typed_into_a_field(scene, user):
     page = user.open(scene.link("real"))
     mask = pressed(page, "Segmentation over the image")
     highlight = pressed(page, "Highlight the matching pixels")
@@ -92,6 +92,15 @@ def test_layer_and_bracket_keys_change_layers_and_are_remembered(scene, user):
     expect(mask).to_have_attribute("aria-pressed", "true")
     expect(highlight).to_have_attribute("aria-pressed", "false")
     expect(opacity).to_have_value("0.6")
+
+    user.open(scene.link("ghost"))
+    page.get_by_label("Comment").click()
+
+    page.keyboard.type("axrz jv")
+
+    expect(page.get_by_label("Comment")).to_have_value("axrz jv")
+    user.wait_until_saved()
+    assert scene.review("ghost") is None
 
 
 UNUSED = ".help__row.is-off dt"
@@ -197,14 +206,3 @@ def test_tooltips_and_hints_of_the_grid_show_changed_keys(scene, user):
     expect(page.get_by_role("dialog", name="Keys")).to_be_hidden()
     user.press("y")
     expect(page.locator(".stage")).to_be_visible()
-
-
-def test_keys_typed_into_a_text_field_are_not_shortcuts(scene, user):
-    page = user.open(scene.link("ghost"))
-    page.get_by_label("Comment").click()
-
-    page.keyboard.type("axrz jv")
-
-    expect(page.get_by_label("Comment")).to_have_value("axrz jv")
-    user.wait_until_saved()
-    assert scene.review("ghost") is None

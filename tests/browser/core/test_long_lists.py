@@ -10,8 +10,6 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -26,31 +24,16 @@ def shorten_pages(page: Page, path: str, items: int = 2) -> None:
     page.route(re.compile(rf"/api/v1{path}\?"), ask_for_fewer)
 
 
-@pytest.fixture
-def dataset_on_second_page(user: Visitor, make_scene: MakeScene) -> str:
-    """A dataset with one frame that is the first on the second page of the list."""
+def test_all_datasets_are_listed_and_known_to_an_upload(user, make_scene):
+    """The dataset is the first one on the second page of the list."""
     scene, *others = (make_scene() for _ in range(3))
     listed = scenes.get(scene.http, "/datasets?limit=1000")["items"]
     names = [str(dataset["name"]) for dataset in listed]
-    last = max(names.index(street.dataset) for street in (scene, *others))
+    last = max(names.index(each.dataset) for each in (scene, *others))
     shorten_pages(user.page, "/datasets", last)
-    return names[last]
-
-
-def start_runs(street: Scene) -> list[int]:
-    """Three runs, each after the one before it, with their ids."""
-    for percent in (40, 60, 70):
-        street.decide(threshold_small_box=percent)
-    runs = scenes.get(street.http, f"/datasets/{street.dataset}/runs")["items"]
-    return sorted(int(run["id"]) for run in runs)
-
-
-def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_page):
     page = user.open("#/datasets")
-
-    expect(
-        page.get_by_role("heading", name=dataset_on_second_page, exact=True)
-    ).to_be_visible()
+    heading = page.get_by_role("heading", name=names[last], exact=True)
+    expect(heading).to_be_visible()
 
     contents = {
         "9.png": scenes.picture(),
@@ -64,14 +47,17 @@ def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_
         ]
     )
 
-    page.get_by_label("Dataset", exact=True).fill(dataset_on_second_page)
+    page.get_by_label("Dataset", exact=True).fill(names[last])
 
     where = page.locator("#upload-where")
     expect(where).to_contain_text("Adds to a dataset that has 1 frame.")
 
 
-def test_older_runs_and_exports_are_shown_on_request(user, street):
-    first, *others = start_runs(street)
+def test_older_runs_exports_and_versions_are_shown_on_request(user, street):
+    for percent in (40, 60, 70):  # a run after another
+        street.decide(threshold_small_box=percent)
+    runs = scenes.get(street.http, f"/datasets/{street.dataset}/runs")["items"]
+    first, *others = sorted(int(run["id"]) for run in runs)
     path = f"/datasets/{street.dataset}/exports"
     for _ in range(3):
         assert street.http.post(path, json={"format": "yolo"}).status_code == 202
@@ -94,9 +80,6 @@ def test_older_runs_and_exports_are_shown_on_request(user, street):
 
     expect(exports).to_have_count(3)
 
-
-def test_older_versions_are_shown_on_request(user, street):
-    start_runs(street)
     shorten_pages(user.page, "/datasets/[^/]+/configs")
     page = user.open(f"#/datasets/{street.dataset}/thresholds")
     versions = page.get_by_role("region", name="Versions")
@@ -107,12 +90,10 @@ def test_older_versions_are_shown_on_request(user, street):
     expect(versions).to_contain_text("4 versions")
     expect(versions.locator("li")).to_have_count(4)
 
-
-def test_runs_that_are_not_listed_are_compared_by_key(user, street):
-    first, second, *_ = start_runs(street)
     shorten_pages(user.page, "/datasets/[^/]+/runs", 1)
 
-    page = user.open(f"#/datasets/{street.dataset}/runs?run={second}&against={first}")
+    second = others[0]
+    user.open(f"#/datasets/{street.dataset}/runs?run={second}&against={first}")
 
     row = page.get_by_role("row", name=re.compile(r"^threshold_small_box \d+ \d+$"))
     expect(row).to_be_visible()

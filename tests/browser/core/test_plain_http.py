@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import OpenWindow, Visitor, hold_timers
+from tests.support.page.windows import OpenWindow, hold_timers
 
 pytestmark = pytest.mark.browser
 
@@ -17,18 +17,10 @@ for (const name of ["locks", "clipboard"])
   Object.defineProperty(Navigator.prototype, name, { get: () => undefined });"""
 
 
-@pytest.fixture
-def user(open_window: OpenWindow) -> Visitor:
-    """A window without the functions that browsers withhold from insecure pages.
-
-    They have to be removed by a script, since pages of 127.0.0.1 count as secure.
-    """
+def test_answers_are_saved_and_text_is_copied(scene: Scene, open_window: OpenWindow):
     user = open_window(own=True)
+    # By a script, since pages of 127.0.0.1 count as secure.
     user.page.add_init_script(NOT_SECURE)
-    return user
-
-
-def test_answers_are_saved_and_text_is_copied(scene: Scene, user: Visitor):
     page = user.open(scene.link("ghost"))
     assert page.evaluate(SECURE_FUNCTIONS) == [None, None, None]
     user.press("x")

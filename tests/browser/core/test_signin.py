@@ -56,18 +56,6 @@ def test_browser_history_and_used_login_link_do_not_sign_in(open_window, server)
     expect(page.get_by_text("ask whoever runs this server")).to_be_visible()
 
 
-def test_invalid_login_link_shows_error(open_window, server):
-    page = open_window(sign_in=False).page
-
-    page.goto(f"{server.url}/#code=wrong")
-
-    expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
-    expect(page.get_by_role("alert")).to_contain_text(
-        "`unghost login` prints a new one"
-    )
-    assert "wrong" not in page.url
-
-
 @pytest.mark.parametrize("what", ["token", "login_link"])
 def test_pasted_token_or_link_signs_in_and_opens_requested_page(
     open_window, server, scene, what
@@ -84,8 +72,14 @@ def test_pasted_token_or_link_signs_in_and_opens_requested_page(
     expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
 
 
-def test_wrong_token_is_refused_and_can_be_corrected(open_window, server):
-    page = open_window(sign_in=False).open("#/datasets")
+def test_wrong_link_or_token_is_refused_and_can_be_corrected(open_window, server):
+    page = open_window(sign_in=False).page
+    page.goto(f"{server.url}/#code=wrong")
+    expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
+    failure = page.get_by_role("alert")
+    expect(failure).to_contain_text("`unghost login` prints a new one")
+    assert "wrong" not in page.url
+
     page.get_by_role("button", name="Sign in").click()
     expect(page.get_by_role("alert")).to_have_text("Paste the token or the link first.")
     page.get_by_label("Token or login link").fill("wrong")

@@ -19,7 +19,7 @@ def open_settings(user: Visitor, scene: Scene) -> Page:
     return page
 
 
-def test_refused_frames_are_listed_with_the_servers_message(scene, user):
+def test_settings_list_refused_frames_and_the_api_values_and_delete(scene, user):
     bad = {"annotation": ("a.json", '{"boxes": [{"class": "car"}]}')}
     scene.http.put(f"/datasets/{scene.dataset}/frames/bad", files=bad)
     page = open_settings(user, scene)
@@ -29,6 +29,24 @@ def test_refused_frames_are_listed_with_the_servers_message(scene, user):
     expect(refused).to_contain_text("bad")
     expect(refused).to_contain_text("expected exactly one of xyxy")
     expect(page.locator(".page__settings")).to_contain_text("1 refused frame")
+    properties = DatasetPatch.model_json_schema()["properties"]
+    choices = {
+        name: field["enum"] for name, field in properties.items() if "enum" in field
+    }
+
+    for name, values in choices.items():
+        options = page.locator(f"select[name={name}] option")
+        expect(options).to_have_text(values)
+    expect(page.locator(".settings__grid select")).to_have_count(len(choices))
+    expect(page.get_by_label("Description")).to_have_attribute("maxlength", "2000")
+    page.get_by_text("Delete this dataset").click()
+    expect(page.get_by_role("button", name="Delete")).to_be_disabled()
+
+    page.get_by_label("Name of the dataset").fill(scene.dataset)
+    page.get_by_role("button", name="Delete").click()
+
+    expect(page.get_by_role("heading", name="Datasets", exact=True)).to_be_visible()
+    assert scene.http.get(f"/datasets/{scene.dataset}").status_code == 404
 
 
 def test_dataset_description_is_stored(scene, user):
@@ -66,20 +84,6 @@ def test_changed_palette_starts_a_run_and_links_to_it(scene, user):
     expect(page).to_have_url(f"{user.url}/#/datasets/{scene.dataset}/runs")
 
 
-def test_settings_offer_the_values_that_the_api_accepts(scene, user):
-    page = open_settings(user, scene)
-    properties = DatasetPatch.model_json_schema()["properties"]
-    choices = {
-        name: field["enum"] for name, field in properties.items() if "enum" in field
-    }
-
-    for name, values in choices.items():
-        options = page.locator(f"select[name={name}] option")
-        expect(options).to_have_text(values)
-    expect(page.locator(".settings__grid select")).to_have_count(len(choices))
-    expect(page.get_by_label("Description")).to_have_attribute("maxlength", "2000")
-
-
 def test_refused_palette_change_shows_the_servers_error(scene, user):
     page = open_settings(user, scene)
     problem = {"title": "Conflict", "detail": "a run is going on", "status": 409}
@@ -93,15 +97,3 @@ def test_refused_palette_change_shows_the_servers_error(scene, user):
     page.get_by_role("button", name="Save").click()
 
     expect(page.get_by_text("a run is going on")).to_be_visible()
-
-
-def test_deleting_a_dataset_requires_typing_its_name(scene, user):
-    page = open_settings(user, scene)
-    page.get_by_text("Delete this dataset").click()
-    expect(page.get_by_role("button", name="Delete")).to_be_disabled()
-
-    page.get_by_label("Name of the dataset").fill(scene.dataset)
-    page.get_by_role("button", name="Delete").click()
-
-    expect(page.get_by_role("heading", name="Datasets", exact=True)).to_be_visible()
-    assert scene.http.get(f"/datasets/{scene.dataset}").status_code == 404

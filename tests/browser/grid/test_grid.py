@@ -108,7 +108,7 @@ def test_boxes_outside_the_image_are_labelled_outside(scene, user):
     expect(page.locator(".cell__none")).to_have_text("outside")
 
 
-def test_keys_move_the_focus_and_select(sixty_boxes, user):
+def test_keys_move_the_focus_select_and_filter_by_verdict(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
     columns = int(page.get_by_role("grid").get_attribute("aria-colcount") or 0)
 
@@ -134,6 +134,19 @@ def test_keys_move_the_focus_and_select(sixty_boxes, user):
     assert selected(page) == [1, 2, 3]
     user.press("Shift+ArrowLeft")
     assert selected(page) == [1, 2]
+    user.press("Escape")
+
+    user.press("v")
+    expect(page.locator(".grid-status p")).to_contain_text("30 hidden")
+    assert "verdict=kept" in page.url
+    user.press("Control+a")
+    expect(page.locator(".bar__count")).to_have_text("30 of this filter")
+    cell(page, 0).click(modifiers=["Control"])
+    expect(page.locator(".bar__count")).to_have_text("29 selected")
+    user.press("Escape")
+    user.press("v", "v")
+
+    expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
 def test_grid_applies_filters_of_its_link_and_counts_hidden_boxes(sixty_boxes, user):
@@ -182,9 +195,8 @@ def test_filters_and_sort_order_are_kept_in_the_address(sixty_boxes, user):
     expect(page).to_have_url(re.compile(r"distance_max=40"))
     assert "match_min=1" in page.url
 
-
-def test_pending_number_filter_does_not_block_browser_back(sixty_boxes, user):
-    page = user.open(f"#/datasets/{sixty_boxes.dataset}/frames")
+    # A pending number does not block the way back.
+    user.open(f"#/datasets/{sixty_boxes.dataset}/frames")
     expect(page.locator("a.thumb").first).to_be_visible()
     open_grid(user, sixty_boxes)
     page.get_by_role("button", name="More").click()
@@ -206,22 +218,6 @@ def test_blind_re_check_hides_verdicts_of_unanswered_boxes(sixty_boxes, user):
         expect(cell(page, index).locator(".cell__box--withheld")).to_be_visible()
         name = cell(page, index).locator(".sr-only").inner_text()
         assert not re.search("kept|rejected|%|pixel", name)
-
-
-def test_v_key_cycles_the_verdict_filter_whose_boxes_ctrl_a_selects(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
-
-    user.press("v")
-    expect(page.locator(".grid-status p")).to_contain_text("30 hidden")
-    assert "verdict=kept" in page.url
-    user.press("Control+a")
-    expect(page.locator(".bar__count")).to_have_text("30 of this filter")
-    cell(page, 0).click(modifiers=["Control"])
-    expect(page.locator(".bar__count")).to_have_text("29 selected")
-    user.press("Escape")
-    user.press("v", "v")
-
-    expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
 
 def test_key_double_click_or_button_opens_a_box_in_its_frame(sixty_boxes, user):

@@ -120,9 +120,6 @@ def test_undo_reverts_only_the_latest_bulk_answer(many, user, page):
     user.press("z")
     expect(toast(page)).to_contain_text("2 answers undone")
     assert answers(many) == {}
-
-
-def test_message_offers_undo_until_it_is_used(many, user, page):
     select_range(page, 0, 1)
     user.press("x")
     page.get_by_role("button", name="Undo").click()
@@ -144,24 +141,6 @@ def test_undo_skips_and_lists_boxes_answered_since(many, user, page):
     assert answers(many) == {"b1": "keep"}
     strip(page).get_by_role("button", name="Dismiss").click()
     expect(strip(page)).to_have_count(0)
-
-
-def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
-    reject_first_three(user)
-    go_offline(page)
-
-    user.press("z")
-
-    expect(page.locator(".sign--reject")).to_have_count(0)
-    expect(page.locator(".savestate")).to_contain_text(
-        "3 answers waiting: offline, kept here"
-    )
-    expect(strip(page)).to_contain_text("Not sent yet: undo the answers on 3 boxes.")
-    page.context.set_offline(False)
-    expect(toast(page)).to_contain_text("3 answers undone")
-    expect(strip(page)).to_have_count(0)
-    user.wait_until_saved()
-    assert answers(many) == {}
 
 
 def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
@@ -306,7 +285,7 @@ def test_bulk_answer_skips_and_lists_boxes_answered_by_others(
     assert answers(many) == {"b1": "keep"}
 
 
-def test_offline_bulk_answer_is_marked_unsent_and_sent_when_online(many, user, page):
+def test_offline_answer_and_its_undo_are_kept_and_sent_when_online(many, user, page):
     page.context.set_offline(True)
     select_range(page, 0, 2)
 
@@ -322,6 +301,20 @@ def test_offline_bulk_answer_is_marked_unsent_and_sent_when_online(many, user, p
     expect(toast(page)).to_contain_text("3 boxes rejected")
     expect(strip(page)).to_have_count(0)
     assert len(answers(many)) == 3
+    go_offline(page)
+
+    user.press("z")
+
+    expect(page.locator(".sign--reject")).to_have_count(0)
+    expect(page.locator(".savestate")).to_contain_text(
+        "3 answers waiting: offline, kept here"
+    )
+    expect(strip(page)).to_contain_text("Not sent yet: undo the answers on 3 boxes.")
+    page.context.set_offline(False)
+    expect(toast(page)).to_contain_text("3 answers undone")
+    expect(strip(page)).to_have_count(0)
+    user.wait_until_saved()
+    assert answers(many) == {}
 
 
 def test_unsent_bulk_answer_can_be_sent_or_discarded_manually(many, user, page):

@@ -78,7 +78,7 @@ def test_scores_have_intervals_per_class_and_distance_and_curves_are_tables_too(
     expect(page.get_by_text("the highest ones that keep")).to_be_visible()
 
 
-def test_matrix_counts_and_links_to_its_boxes(user, answered):
+def test_matrix_links_to_boxes_and_suggestion_to_thresholds(user, answered):
     page = quality_page(user, answered)
     fields = page.locator(".matrixcell__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
@@ -93,8 +93,37 @@ def test_matrix_counts_and_links_to_its_boxes(user, answered):
     expect(page).to_have_url(re.compile(r"/grid\?conflict=true$"))
     expect(page.locator(".grid-status")).to_contain_text(re.compile(r"\b4 boxes"))
 
+    quality_page(user, answered)
+    quality = answered.http.get(f"/datasets/{answered.dataset}/quality").json()
+    suggested = quality["suggested"][0]["suggested"]
+    assert 3 < suggested <= 6
+
+    page.get_by_role("link", name="Try it").click()
+
+    handle = page.get_by_role("slider", name="Threshold of car", exact=True)
+    expect(handle).to_have_attribute("aria-valuenow", f"{suggested:g}")
+    expect(
+        page.locator('[data-figure="rejected_to_kept"] .figure__value')
+    ).to_have_text("4")
+
+    quality_page(user, answered)
+    route_loaded(
+        page, "**/quality?*target=recall*", lambda route: route.fulfill(status=500)
+    )
+    page.get_by_role("button", name="Keep 99 %").click()
+
+    expect(page.locator("main")).to_contain_text("Try again")
+    expect(page.get_by_role("button", name="Save")).to_have_count(0)
+
+    page.unroute("**/quality?*target=recall*")
+    page.get_by_role("button", name="Try again").click()
+    expect(page.locator(".matrix")).to_be_visible()
+
 
 def test_answers_on_chosen_boxes_tell_no_quality_and_random_ones_do(user, street):
+    page = user.open(f"#/datasets/{street.dataset}/quality")
+    page.get_by_role("link", name="Answer boxes").click()
+    expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
     listed = street.http.get("/boxes", params={"dataset": street.dataset}).json()
     for box in listed["items"][:4]:
         answer(street.http, box, truth(box))
@@ -118,21 +147,6 @@ def test_answers_on_chosen_boxes_tell_no_quality_and_random_ones_do(user, street
     for score in page.locator(".score__value").all():
         expect(score).to_have_text(re.compile(r"\d %"))
     expect(note).to_have_count(0)
-
-
-def test_suggested_threshold_opens_in_the_thresholds_view(user, answered):
-    page = quality_page(user, answered)
-    quality = answered.http.get(f"/datasets/{answered.dataset}/quality").json()
-    suggested = quality["suggested"][0]["suggested"]
-    assert 3 < suggested <= 6
-
-    page.get_by_role("link", name="Try it").click()
-
-    handle = page.get_by_role("slider", name="Threshold of car", exact=True)
-    expect(handle).to_have_attribute("aria-valuenow", f"{suggested:g}")
-    expect(
-        page.locator('[data-figure="rejected_to_kept"] .figure__value')
-    ).to_have_text("4")
 
 
 def test_suggestion_is_saved_as_a_version_after_another_one_was_applied(user, answered):
@@ -174,26 +188,3 @@ def test_agreement_of_two_reviewers_is_shown(user, answered):
     expect(page.locator(".together")).to_contain_text("of 18 boxes answered twice")
     pair = page.get_by_role("row", name=re.compile(f"^admin and {name} 18 17"))
     expect(pair).to_be_visible()
-
-
-def test_quality_page_without_answers_links_to_the_queue(user, street):
-    page = user.open(f"#/datasets/{street.dataset}/quality")
-
-    page.get_by_role("link", name="Answer boxes").click()
-
-    expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
-
-
-def test_failed_request_for_another_target_clears_old_suggestions(user, answered):
-    page = quality_page(user, answered)
-    route_loaded(
-        page, "**/quality?*target=recall*", lambda route: route.fulfill(status=500)
-    )
-    page.get_by_role("button", name="Keep 99 %").click()
-
-    expect(page.locator("main")).to_contain_text("Try again")
-    expect(page.get_by_role("button", name="Save")).to_have_count(0)
-
-    page.unroute("**/quality?*target=recall*")
-    page.get_by_role("button", name="Try again").click()
-    expect(page.locator(".matrix")).to_be_visible()

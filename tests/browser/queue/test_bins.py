@@ -30,34 +30,26 @@ def progress(page: Page):
     return page.locator(".queue__progress")
 
 
-def test_queue_has_the_boxes_to_review_and_says_why(street, user: Visitor):
+def test_boxes_to_review_are_asked_about_and_bins_at_the_end_are_answered_at_once(
+    street, user: Visitor
+):
     page = user.open(queue(street, bin=""))
     expect(progress(page)).to_contain_text("0 answered · 2 to review")
-
     other = {"near": "the farther car far", "far": "the nearer car near"}
     expect(page.locator(".inspector__question")).to_contain_text(
         f"kept by its tags, but {other[queued_box_id(page)]} covers 100 % of it"
     )
+    # A box that somebody was unsure about is still to be reviewed.
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    user.press("u")
+    expect(progress(page)).to_contain_text("1 answered · 2 to review")
+    user.press("z")
+    expect(progress(page)).to_contain_text("0 answered · 2 to review")
     user.open(f"#/datasets/{street.dataset}/frames")
     expect(page.locator(".page__head")).to_contain_text("2 need review")
     expect(page.locator("a.thumb")).to_contain_text("2 need review")
 
-
-def test_box_that_somebody_was_unsure_about_is_still_to_be_reviewed(
-    street, user: Visitor
-):
-    page = user.open(queue(street, bin=""))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-
-    user.press("u")
-    expect(progress(page)).to_contain_text("1 answered · 2 to review")
-    user.press("z")
-
-    expect(progress(page)).to_contain_text("0 answered · 2 to review")
-
-
-def test_bins_are_shown_at_the_end_and_answered_at_once(street, user: Visitor):
-    page = user.open(queue(street, bin=""))
+    user.open(queue(street, bin=""))
     for left in (1, 0):
         expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
         user.press("a")

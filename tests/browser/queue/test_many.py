@@ -71,7 +71,7 @@ def test_all_like_the_last_one_get_its_answer_by_one_key_and_one_undo(ghosts, us
     assert answers(ghosts) == {"g0": "reject"}
 
 
-def test_history_says_how_many_of_a_bulk_answer_were_looked_at(ghosts, user):
+def test_history_tells_how_many_of_a_bulk_answer_were_looked_at(ghosts, user):
     ids = [ghosts.box_id(name) for name in ("g0", "g1", "g2")]
     body = {"dataset": ghosts.dataset, "box_ids": ids, "verdict": "reject"}
     response = ghosts.http.post("/reviews/bulk", json={**body, "looked_at": 1})
@@ -80,10 +80,7 @@ def test_history_says_how_many_of_a_bulk_answer_were_looked_at(ghosts, user):
     page = user.open(ghosts.link("g1"))
 
     expect(page.locator(".history")).to_contain_text("one of 3 at once, 1 of them")
-
-
-def test_all_like_this_asks_for_an_answer_first(ghosts, user):
-    page = user.open(queue(ghosts))
+    user.open(queue(ghosts))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
     user.press("s")
@@ -111,7 +108,7 @@ def open_last(user, drive):
     return page
 
 
-def test_frames_before_show_the_object_and_say_where_it_was_visible(drive, user):
+def test_frames_before_are_shown_and_one_answer_is_for_a_track(drive, user):
     page = open_last(user, drive)
     expect(page.locator(".track__words")).to_have_text("visible two frames ago")
 
@@ -127,9 +124,6 @@ def test_frames_before_show_the_object_and_say_where_it_was_visible(drive, user)
     expect(page.locator(".question__ask")).to_contain_text("Can you see")
     assert drive.review("7") is None
 
-
-def test_one_answer_for_a_track_is_undone_as_one(drive, user):
-    page = open_last(user, drive)
     items = scenes.get(drive.http, f"/boxes/{drive.box_id('7')}/track")["items"]
     ids = [item["box_id"] for item in items]
 

@@ -26,60 +26,43 @@ def ask(user, scene, name, **query):
     return open_queue(user, scene, boxes=str(scene.box_id(name)), **query)
 
 
-@pytest.mark.parametrize("is_blind", [False, True])
-def test_question_names_what_the_object_is_inside_of_unless_blind(
-    hidden, user, is_blind
+def test_question_names_what_hides_the_object_and_the_rule_beside_a_close_up(
+    hidden, user
 ):
-    page = ask(user, hidden, "218", **({"blind": "on"} if is_blind else {}))
-
-    expect(page.locator(".question__ask")).to_have_text(
-        "Can you see any of this car? 12 × 6 px, 177 m away"
-        + ("" if is_blind else ", inside car 214 at 30 m")
-    )
-    expect(page.locator(".stage")).to_have_attribute(
-        "data-hider", "" if is_blind else str(hidden.box_id("214"))
-    )
-
-
-def test_rule_of_the_dataset_is_beside_the_question(hidden, user):
     page = ask(user, hidden, "218")
-    expect(page.locator(".question__rule")).to_contain_text("Keep the box if you see")
-
-    rule = {"rule": "Wheels alone are enough."}
-    hidden.http.patch(f"/datasets/{hidden.dataset}", json=rule).raise_for_status()
-    page.reload()
-
-    expect(page.locator(".question__rule")).to_have_text(
-        "Rule Wheels alone are enough."
-    )
-
-
-def test_close_up_is_not_dimmed_and_shows_enough_to_recognise_the_place(hidden, user):
-    page = ask(user, hidden, "218")
+    question, stage = page.locator(".question__ask"), page.locator(".stage")
+    words = "Can you see any of this car? 12 × 6 px, 177 m away"
+    expect(question).to_have_text(f"{words}, inside car 214 at 30 m")
+    expect(stage).to_have_attribute("data-hider", str(hidden.box_id("214")))
     wait_for_drawing(page)
-
+    # The close-up is not dimmed, and shows enough to recognise the place.
     drawn = layer(page, "base")
     scale, *_ = view(page)
     assert min(drawn.shape[:2]) / scale >= 96
-    corner = drawn[10, 10]
-    assert corner.tolist() == [scenes.GREY] * 3 + [255]
-
-
-def test_held_key_shows_the_picture_alone(hidden, user):
-    page = ask(user, hidden, "218")
-    wait_for_drawing(page)
+    assert drawn[10, 10].tolist() == [scenes.GREY] * 3 + [255]
     assert layer(page, "top").any()
 
     page.keyboard.down("h")
-    expect(page.locator(".stage")).to_have_attribute("data-bare", "true")
+    expect(stage).to_have_attribute("data-bare", "true")
     wait_for_drawing(page)
     bare = layer(page, "top")
     page.keyboard.up("h")
 
     assert not bare.any()
-    expect(page.locator(".stage")).not_to_have_attribute("data-bare", "true")
+    expect(stage).not_to_have_attribute("data-bare", "true")
     wait_for_drawing(page)
     assert layer(page, "top").any()
+
+    rule = page.locator(".question__rule")
+    expect(rule).to_contain_text("Keep the box if you see")
+    own = {"rule": "Wheels alone are enough."}
+    hidden.http.patch(f"/datasets/{hidden.dataset}", json=own).raise_for_status()
+    page.reload()
+    expect(rule).to_have_text("Rule Wheels alone are enough.")
+
+    page = ask(user, hidden, "218", blind="on")
+    expect(question).to_have_text(words)
+    expect(stage).to_have_attribute("data-hider", "")
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ def test_answer_key_saves_the_answer_and_shows_the_next_box(twenty_boxes, user):
     assert answers(twenty_boxes) == pressed
 
 
-def test_queue_zooms_to_the_box_and_keys_toggle_the_full_frame(twenty_boxes, user):
+def test_queue_zooms_to_the_box_and_view_keys_work(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
     stage = page.locator(".stage")
     expect(stage).to_have_attribute("data-mode", "crop")
@@ -82,6 +82,19 @@ def test_queue_zooms_to_the_box_and_keys_toggle_the_full_frame(twenty_boxes, use
     user.press("a")
 
     expect(stage).to_have_attribute("data-mode", "crop")  # the next box
+    expect(stage).not_to_have_attribute("data-highlighted", "")
+
+    user.press("l", "m")
+
+    expect(stage).to_have_attribute("data-highlighted", "")
+    mask = page.get_by_role("button", name="Segmentation over the image")
+    expect(mask).to_have_attribute("aria-pressed", "true")
+    page.wait_for_function(VIEW_IS_UNCHANGED, polling=300)  # the zoom is animated
+    before = page.evaluate(SCALE)
+    user.press("+")
+    page.wait_for_function(f"before => {SCALE} > before", arg=before)
+    user.press("?")
+    expect(page.get_by_role("dialog")).to_be_visible()
 
 
 def test_next_and_previous_keys_skip_and_revisit_boxes(twenty_boxes, user):
@@ -104,7 +117,7 @@ def test_next_and_previous_keys_skip_and_revisit_boxes(twenty_boxes, user):
     assert len({first, second, third}) == 3
 
 
-def test_undo_returns_to_the_box_and_removes_its_answer(twenty_boxes, user):
+def test_undo_returns_to_the_box_and_removes_its_last_answer(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     user.press("x")
@@ -122,6 +135,28 @@ def test_undo_returns_to_the_box_and_removes_its_answer(twenty_boxes, user):
     )
     user.wait_until_saved()
     assert answers(twenty_boxes) == {}
+
+    # Of two answers on one box, only the second one is undone.
+    pressed = {}
+
+    for number, second in enumerate(["x", "a comment"], 1):
+        box = queued_box_id(page)
+        pressed[box] = "keep"
+        user.press("a", "ArrowLeft")
+        shows(page, box)
+        if second == "x":
+            user.press("x")
+        else:
+            page.get_by_label("Comment").fill(second)
+            user.press("Enter")
+        user.press("z")
+        user.wait_until_saved()
+        expect(page.locator(".queue__progress")).to_contain_text(
+            f"{number} answered · {20 - number} unanswered"
+        )
+        assert answers(twenty_boxes) == pressed
+        shows(page, box)
+        user.press("j")
 
 
 def test_comment_is_stored_with_the_answer_with_and_without_enter(twenty_boxes, user):
@@ -184,24 +219,6 @@ def test_held_down_key_or_enter_on_a_button_answers_only_one_box(twenty_boxes, u
     expect(page.locator(".queue__progress")).to_contain_text("2 answered")
     user.wait_until_saved()
     assert answers(twenty_boxes) == {first: "keep", third: "keep"}
-
-
-def test_view_keys_work_in_the_queue(twenty_boxes, user):
-    page = open_queue(user, twenty_boxes)
-    stage = page.locator(".stage")
-    expect(stage).not_to_have_attribute("data-highlighted", "")
-
-    user.press("l", "m")
-
-    expect(stage).to_have_attribute("data-highlighted", "")
-    mask = page.get_by_role("button", name="Segmentation over the image")
-    expect(mask).to_have_attribute("aria-pressed", "true")
-    page.wait_for_function(VIEW_IS_UNCHANGED, polling=300)  # the zoom is animated
-    before = page.evaluate(SCALE)
-    user.press("+")
-    page.wait_for_function(f"before => {SCALE} > before", arg=before)
-    user.press("?")
-    expect(page.get_by_role("dialog")).to_be_visible()
 
 
 def test_g_key_opens_the_grid_and_back_returns_to_the_same_box(twenty_boxes, user):
@@ -274,18 +291,15 @@ def test_queue_order_is_switched_and_kept_in_the_address(twenty_boxes, user):
         assert f"order={order}" in page.url
 
 
-def test_boxes_outside_of_the_image_are_queued_only_if_they_are_chosen(scene, user):
+def test_boxes_outside_of_the_image_are_chosen_and_the_end_has_next_steps(scene, user):
     page = open_queue(user, scene)
-
     expect(page.locator(".queue__progress")).to_contain_text("4 unanswered")
-
     page.get_by_label("Reason").select_option("outside the image")
     expect(page.locator(".queue__progress")).to_contain_text("1 unanswered")
     shows(page, "away")
 
-
-def test_end_of_queue_shows_summary_and_next_steps(scene, user):
     page = open_queue(user, scene)
+    expect(page.locator(".queue__progress")).to_contain_text("4 unanswered")
     user.press("j", "a", "x", "Space")
 
     expect(page.get_by_role("heading", name="All done")).to_be_visible()
@@ -403,30 +417,6 @@ def test_blind_full_frame_hides_verdicts_of_unanswered_boxes(make_scene, user):
     drawn = pixels_of_full_frame(user, page)
 
     assert np.ptp(drawn, axis=2).max() < 40, "a colour among greys"
-
-
-def test_undo_of_second_answer_keeps_the_first_answer_counted(twenty_boxes, user):
-    page = open_queue(user, twenty_boxes)
-    pressed = {}
-
-    for number, second in enumerate(["x", "a comment"], 1):
-        box = queued_box_id(page)
-        pressed[box] = "keep"
-        user.press("a", "ArrowLeft")
-        shows(page, box)
-        if second == "x":
-            user.press("x")
-        else:
-            page.get_by_label("Comment").fill(second)
-            user.press("Enter")
-        user.press("z")
-        user.wait_until_saved()
-        expect(page.locator(".queue__progress")).to_contain_text(
-            f"{number} answered · {20 - number} unanswered"
-        )
-        assert answers(twenty_boxes) == pressed
-        shows(page, box)
-        user.press("j")
 
 
 def test_reservation_of_the_last_boxes_is_renewed_while_shown(make_scene, open_window):

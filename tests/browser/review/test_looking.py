@@ -24,19 +24,6 @@ def click(page, x, y):
     page.mouse.click(*point(page, x, y))
 
 
-def test_click_selects_the_visible_box_and_the_next_click_the_ghost_in_it(
-    make_scene, user
-):
-    page = user.open(make_scene(boxes=STACK).link())
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-
-    click(page, 140, 250)
-    expect(page.locator(".inspector__head h2")).to_have_text("car real")
-    click(page, 140, 250)
-
-    expect(page.locator(".inspector__head h2")).to_have_text("walker ghost")
-
-
 def test_click_selects_the_object_whose_pixels_were_clicked(make_scene, user):
     scene = make_scene(boxes=[])
     height, width = scenes.HEIGHT, scenes.WIDTH
@@ -68,8 +55,15 @@ def test_click_selects_the_object_whose_pixels_were_clicked(make_scene, user):
     expect(page.locator(".inspector__head h2")).to_have_text("car car")
 
 
-def test_list_is_sorted_by_size_and_distance_and_keys_follow_it(make_scene, user):
+def test_stack_fades_is_sorted_and_is_selected_by_keys_and_clicks(make_scene, user):
+    """Far boxes fade; a click on a box inside another selects the visible one first."""
     page = user.open(make_scene(boxes=STACK).link())
+    wait_for_drawing(page)
+    faint = edge_contrast(page, scenes.SKY)
+    user.press("o")
+    wait_for_drawing(page)
+    assert 0 < 1.5 * faint < edge_contrast(page, scenes.SKY)
+
     names = page.locator(".box__name")
     expect(names).to_have_text(["car real", "walker ghost", "truck far"])
 
@@ -83,20 +77,14 @@ def test_list_is_sorted_by_size_and_distance_and_keys_follow_it(make_scene, user
     user.press("j", "j")
 
     expect(page.locator(".inspector__head h2")).to_have_text("truck far")
-
-
-def test_far_boxes_fade_until_they_are_asked_for(make_scene, user):
-    page = user.open(make_scene(boxes=STACK).link())
-    wait_for_drawing(page)
-    faint = edge_contrast(page, scenes.SKY)
-    user.press("o")
-    wait_for_drawing(page)
-
-    assert 0 < 1.5 * faint < edge_contrast(page, scenes.SKY)
+    for name in ("car real", "walker ghost"):
+        click(page, 140, 250)
+        expect(page.locator(".inspector__head h2")).to_have_text(name)
 
 
 def test_picture_has_most_of_the_window_and_all_of_it_without_panels(make_scene, user):
-    page = user.open(make_scene().link("real"))
+    scene = make_scene()
+    page = user.open(scene.link("real"))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
 
     def share() -> float:
@@ -114,16 +102,25 @@ def test_picture_has_most_of_the_window_and_all_of_it_without_panels(make_scene,
     assert share() >= 0.7
     assert page.evaluate(OVERFLOW) <= 0
     user.press("p")
-
     expect(page.locator(".panel--inspector")).to_be_visible()
 
-
-def test_tabs_of_the_dataset_stay_in_a_frame(make_scene, user):
-    scene = make_scene()
-    page = user.open(scene.link("real"))
-
+    # The tabs of the dataset stay.
     page.get_by_role("navigation", name="Dataset").get_by_text("Queue").click()
+    expect(page).to_have_url(f"{user.url}/#/datasets/{scene.dataset}/queue")
 
-    expect(page).to_have_url(
-        f"{page.url.split('#')[0]}#/datasets/{scene.dataset}/queue"
-    )
+
+def test_overlapping_boxes_are_listed_closest_first_and_dimmed_less(make_scene, user):
+    part, far = [200, 220, 330, 320], [420, 30, 520, 110]
+    corners = {"near": scenes.CAR, "part": part, "inside": [90, 210, 230, 290]}
+    corners["far"] = far
+    boxes = [{"id": id_, "class": "car", "xyxy": xy} for id_, xy in corners.items()]
+    page = user.open(make_scene(boxes=boxes).link("near"))
+    wait_for_drawing(page)
+    assert edge_contrast(page, part) > 1.5 * edge_contrast(page, far) > 0
+    listed = page.get_by_label("Overlapping boxes").get_by_role("button")
+    expect(listed).to_have_count(2)
+    expect(listed.first).to_contain_text("car inside")
+
+    listed.nth(1).click()
+
+    expect(page.locator(".inspector__head h2")).to_have_text("car part")

@@ -3,7 +3,6 @@
 Pictures that programs show differently: turned by EXIF, or with an alpha channel.
 """
 
-import struct
 from itertools import count
 
 import httpx
@@ -15,7 +14,7 @@ from filter_core.segmentation.palettes import FAMILIES
 from tests.support.page import scenes
 from tests.support.page.stage import layer, view, wait_for_drawing
 from tests.support.page.windows import Visitor
-from tests.support.pictures import jpeg, png, with_alpha
+from tests.support.pictures import jpeg, png, with_alpha, with_orientation
 
 pytestmark = pytest.mark.browser
 
@@ -49,14 +48,6 @@ def quarters(colors: np.ndarray = COLORS) -> np.ndarray:
     return colors.repeat(HEIGHT // 2, axis=0).repeat(WIDTH // 2, axis=1)
 
 
-def with_orientation(value: int) -> bytes:
-    tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, value, 0, 0)
-    body = b"Exif\x00\x00" + tiff
-    content = jpeg(quarters(), 95)
-    size = struct.pack(">H", len(body) + 2)
-    return content[:2] + b"\xff\xe1" + size + body + content[2:]
-
-
 def alpha_in_places() -> np.ndarray:
     """Alpha that hides more or less, and only around the centres of the quarters."""
     alpha = np.full((HEIGHT, WIDTH), 255, np.uint8)
@@ -66,8 +57,8 @@ def alpha_in_places() -> np.ndarray:
 
 
 PICTURES = {
-    "turned by half": (with_orientation(3), TURNED),
-    "turned by a quarter": (with_orientation(6), COLORS),
+    "turned by half": (with_orientation(jpeg(quarters(), 95), 3), TURNED),
+    "turned by a quarter": (with_orientation(jpeg(quarters(), 95), 6), COLORS),
     "transparent in places": (png(with_alpha(quarters(), alpha_in_places())), COLORS),
 }
 

@@ -44,25 +44,7 @@ def figure(page: Page, which: str) -> Locator:
     return page.locator(f'[data-figure="{which}"] .figure__value')
 
 
-def test_dragging_a_threshold_updates_counts_and_lists_flips(user, street):
-    page = open_thresholds(user, street)
-    expect(figure(page, "kept")).to_have_text("4")
-
-    dragged(page, handle(page, "all classes"), to=60)
-
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
-    expect(figure(page, "kept")).to_have_text("2")
-    expect(figure(page, "kept_to_rejected")).to_have_text("2")
-    expect(page.locator(".flip--rejected")).to_have_count(2)
-    expect(page.locator(".flip img").first).to_have_attribute(
-        "src", re.compile("blob:")
-    )
-    expect(page.locator(".flip img").first).to_have_js_property("complete", True)
-    width = page.locator(".flip img").first.evaluate("(img) => img.naturalWidth")
-    assert width > 0
-
-
-def test_flip_shows_its_box_and_both_sides_and_links_to_its_frame(user, street):
+def test_flip_shows_both_sides_and_dragging_updates_counts(user, street):
     page = open_thresholds(user, street, "?threshold_small_box=30.04")
     flip = page.locator(".flip--rejected")
 
@@ -83,6 +65,22 @@ def test_flip_shows_its_box_and_both_sides_and_links_to_its_frame(user, street):
 
     box = next(box for box in street.frame["boxes"] if box["id"] == "car-30")
     expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
+
+    open_thresholds(user, street)
+    expect(figure(page, "kept")).to_have_text("4")
+
+    dragged(page, handle(page, "all classes"), to=60)
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
+    expect(figure(page, "kept")).to_have_text("2")
+    expect(figure(page, "kept_to_rejected")).to_have_text("2")
+    expect(page.locator(".flip--rejected")).to_have_count(2)
+    expect(page.locator(".flip img").first).to_have_attribute(
+        "src", re.compile("blob:")
+    )
+    expect(page.locator(".flip img").first).to_have_js_property("complete", True)
+    width = page.locator(".flip img").first.evaluate("(img) => img.naturalWidth")
+    assert width > 0
 
 
 def middle_of(rectangle):
@@ -127,23 +125,9 @@ def test_threshold_is_set_by_arrow_keys_or_by_typing_a_valid_number(user, street
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
-def test_undo_takes_back_the_last_drag_and_no_number_typed_before(user, street):
-    page = open_thresholds(user, street)
-    field = page.get_by_label("Threshold of car, percent")
-    field.fill("33")
-    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "33")
-    dragged(page, handle(page, "all classes"), to=60)
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
-
-    user.press("Control+z")
-
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
-    expect(field).to_have_value("33")
-    user.press("Control+z")
-    expect(field).to_have_value("10")
-
-
-def test_tried_thresholds_are_kept_in_the_link_and_can_be_reset(user, street):
+def test_tried_thresholds_are_kept_in_the_link_and_the_last_drag_is_undone(
+    user, street
+):
     page = open_thresholds(user, street)
     handle(page, "all classes").focus()
     user.press("PageUp")
@@ -161,8 +145,21 @@ def test_tried_thresholds_are_kept_in_the_link_and_can_be_reset(user, street):
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
     expect(page).to_have_url(re.compile("/thresholds$"))
 
+    field = page.get_by_label("Threshold of car, percent")
+    field.fill("33")
+    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "33")
+    dragged(page, handle(page, "all classes"), to=60)
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
 
-def test_saving_a_version_lists_its_changes_and_does_not_apply_it(user, street):
+    user.press("Control+z")
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
+    expect(field).to_have_value("33")
+    user.press("Control+z")
+    expect(field).to_have_value("10")
+
+
+def test_saving_a_version_lists_its_changes_and_applying_it_starts_a_run(user, street):
     page = open_thresholds(user, street, "?threshold_small_box=40&min_visible_pixels=3")
     page.get_by_role("button", name="Save as new config version").click()
     dialog = page.get_by_role("dialog")
@@ -187,9 +184,7 @@ def test_saving_a_version_lists_its_changes_and_does_not_apply_it(user, street):
     assert versions[0]["config"]["threshold_small_box"] == 40
     assert applied_config(street)["threshold_small_box"] == 10
 
-
-def test_save_and_apply_starts_a_run_and_activates_the_version(user, street):
-    page = open_thresholds(user, street, "?threshold_small_box=40")
+    open_thresholds(user, street, "?threshold_small_box=40")
     page.get_by_role("button", name="Save as new config version").click()
 
     page.get_by_role("button", name="Save and apply").click()
@@ -279,17 +274,6 @@ def test_applied_version_is_reported_in_sight(street, open_window: OpenWindow, w
     expect(strip).to_be_in_viewport(ratio=1)
     shown, summary = bounds(strip), bounds(page.locator(".summary"))
     assert shown["y"] >= summary["y"] + summary["height"]
-
-
-def test_legend_says_whether_a_share_equal_to_the_threshold_is_enough(user, street):
-    page = open_thresholds(user, street)
-    legend = page.locator(".chartlegend")
-    expect(legend).to_contain_text("at or above it")
-
-    street.decide(profile="carlasimu")
-    page.reload()
-
-    expect(legend).to_contain_text("at or below the threshold")
 
 
 def test_preview_without_counts_shows_why_and_what_it_can(user, street):
@@ -386,19 +370,7 @@ def test_form_lists_every_key_as_declared_and_previews_no_invalid_number(user, s
     expect(page.locator(".summary__state")).to_contain_text("1 change, not saved")
 
 
-def test_reasons_and_flips_can_be_filtered_by_class(user, street):
-    page = open_thresholds(user, street, "?threshold_small_box=60")
-    expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()
-
-    page.get_by_role("button", name="walker", exact=True).click()
-
-    expect(page.get_by_role("heading", name="Reasons: walker")).to_be_visible()
-    expect(page.get_by_role("row", name=re.compile("^visible 1 1"))).to_be_visible()
-    expect(page.get_by_text("No verdict changes.")).to_be_visible()
-    expect(page).to_have_url(re.compile("class=walker"))
-
-
-def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
+def test_yaml_is_accepted_and_flips_are_filtered_by_class(user, street):
     page = open_thresholds(
         user, street, "?threshold_small_box=12.5&classes.car.accept=[14]"
     )
@@ -413,6 +385,25 @@ def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
     config = stored.json()["config"]
     assert config["threshold_small_box"] == 12.5
     assert config["classes"] == {"car": {"accept": [14]}}
+
+    open_thresholds(user, street, "?threshold_small_box=60")
+    expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()
+
+    page.get_by_role("button", name="walker", exact=True).click()
+
+    expect(page.get_by_role("heading", name="Reasons: walker")).to_be_visible()
+    expect(page.get_by_role("row", name=re.compile("^visible 1 1"))).to_be_visible()
+    expect(page.get_by_text("No verdict changes.")).to_be_visible()
+    expect(page).to_have_url(re.compile("class=walker"))
+
+    open_thresholds(user, street)
+    legend = page.locator(".chartlegend")
+    expect(legend).to_contain_text("at or above it")
+
+    street.decide(profile="carlasimu")
+    page.reload()
+
+    expect(legend).to_contain_text("at or below the threshold")
 
 
 def test_bars_are_hatched_below_the_threshold_and_redrawn_in_other_colours(

@@ -84,9 +84,6 @@ def test_accept_override_takes_tag_names_and_numbers_of_the_family():
     assert config.accept_masks(["van"], None).tolist() == [bits(14, 15)]
     with pytest.raises(ConfigError, match=r"carla-0\.9\.10 has no tag 'Truck'"):
         config.accept_masks(["van"], "carla-0.9.10")
-
-
-def test_accepted_names_returns_the_tag_names():
     assert accepted_names(bits(13, 18), "carla-0.9.14") == ("Rider", "Motorcycle")
     assert accepted_names(0, "carla-0.9.14") == ()
 

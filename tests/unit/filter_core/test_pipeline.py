@@ -120,6 +120,12 @@ def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
     reports = [result.measured.segmentation for result in results]
     assert [each and each["palette"] for each in reports] == ["carla-0.9.14"] * 3
     assert [each and each["encoding"] for each in reports] == ["palette", "raw", "raw"]
+    numbers = np.where(street_tags() == 14, 100, street_tags()).astype(np.uint8)
+    config = FilterConfig(tags={"100": "Car"})
+
+    (decision,) = filter_frame(annotation(CAR), numbers, config).decisions
+
+    assert decision["match_percent"] == 100.0
 
 
 def test_blueprint_is_mapped_to_its_class_and_unknown_one_is_unmapped():
@@ -225,12 +231,3 @@ def test_instances_and_lidar_of_a_changed_carla_have_its_numbers(form, swapped):
     assert lidar == ["visible", "too_few_lidar_points"]
     assert evidence.channels is not None
     assert evidence.channels.lidar_points.tolist() == [7 - (form == "raw"), 0]
-
-
-def test_array_of_numbers_of_a_changed_carla_is_read_by_its_names():
-    numbers = np.where(street_tags() == 14, 100, street_tags()).astype(np.uint8)
-    config = FilterConfig(tags={"100": "Car"})
-
-    (decision,) = filter_frame(annotation(CAR), numbers, config).decisions
-
-    assert decision["match_percent"] == 100.0

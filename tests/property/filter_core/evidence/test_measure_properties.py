@@ -80,10 +80,14 @@ def test_changed_accept_masks_equal_measuring_again(picture, boxes, names, data)
     masks = npst.arrays(np.int64, len(boxes), elements=st.integers(0, (1 << 30) - 1))
     second = replace(first, accept_mask=data.draw(masks))
 
-    changed = with_accept_masks(measure(segmentation, first), second.accept_mask)
+    measured = measure(segmentation, first)
+    before = measured.matched_pixels.copy()
 
+    changed = with_accept_masks(measured, second.accept_mask)
+
+    np.testing.assert_array_equal(measured.matched_pixels, before)
     again = measure(segmentation, second)
-    for name in ("matched_pixels", "match_percent", "crowding"):
+    for name in ("matched_pixels", "match_percent", "crowding", "accept_mask"):
         np.testing.assert_array_equal(getattr(changed, name), getattr(again, name))
 
 

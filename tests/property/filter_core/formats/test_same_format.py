@@ -323,7 +323,7 @@ def tree(folder):
 
 
 @pytest.mark.parametrize("layout", RECORDINGS)
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_recording_in_its_own_format_loses_rejected_boxes_and_nothing_else(
     layout, data
@@ -377,7 +377,7 @@ def through_the_server(
 
 
 @pytest.mark.parametrize("layout", ["yolo", "kitti", "voc"])
-@settings(max_examples=FEW, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=FEW, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_server_gives_label_files_back_without_rejected_boxes(layout, data, client):
     recording = data.draw(RECORDINGS[layout])
@@ -410,7 +410,7 @@ FOLDERS = {
 }
 
 
-@settings(max_examples=FEW, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=FEW, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_server_gives_a_coco_file_back_without_rejected_boxes(data, client):
     recording = data.draw(RECORDINGS["coco"])

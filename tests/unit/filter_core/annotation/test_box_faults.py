@@ -31,6 +31,8 @@ def box_faults(box, **frame):
         (None, "", "not_a_list", ": expected a list of 4 numbers, found null"),
         ({"x": 1}, "", "not_a_list", ": expected a list of 4 numbers, found an object"),
         (7, "", "not_a_list", ": expected a list of 4 numbers, found 7"),
+        ("9" * 500, "", "not_a_list",
+         ': expected a list of 4 numbers, found "' + "9" * 60 + '…"'),
         ([], "", "wrong_length", ": expected a list of 4 numbers, found a list of 0"),
         ([1, 2, 3], "", "wrong_length",
          ": expected a list of 4 numbers, found a list of 3"),
@@ -160,9 +162,3 @@ def test_duplicate_box_id_is_a_fault(again):
     # The id of a box without one is its index.
     by_default = faults_of({"boxes": [{**box, "id": "1"}, box]})
     assert [fault[:2] for fault in by_default] == [("/boxes/1/id", "duplicate_id")]
-
-
-def test_long_text_is_truncated_in_the_message():
-    ((_, _, detail),) = box_faults({"xyxy": "9" * 500})
-
-    assert detail.endswith('found "' + "9" * 60 + '…"')

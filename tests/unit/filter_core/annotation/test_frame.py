@@ -47,7 +47,7 @@ def test_all_2d_forms_are_converted_to_xyxy_in_box_order():
     assert np.isnan(geometry.visible_xyxy).all()
 
 
-def test_3d_box_xyxy_is_its_visible_rectangle():
+def test_3d_box_xyxy_is_its_visible_rectangle_unless_projected_naively():
     geometry = geometry_of(FLAT, make_3d_box(10, y=10))
 
     np.testing.assert_array_equal(geometry.xyxy[1], geometry.visible_xyxy[1])
@@ -56,6 +56,9 @@ def test_3d_box_xyxy_is_its_visible_rectangle():
     assert geometry.edges[1] is not None
     assert np.isnan(geometry.vertices[0]).all()
     assert np.isfinite(geometry.vertices[1]).all()
+    naive = geometry_of(make_3d_box(10, y=10), projection="naive")
+    np.testing.assert_array_equal(naive.xyxy, naive.amodal_xyxy)
+    assert naive.xyxy[0, 2] > 1280
 
 
 def test_vertices_and_box3d_of_same_box_give_same_rectangle():
@@ -78,13 +81,6 @@ def test_box_behind_or_beside_camera_is_outside_image(box, profile):
     assert np.isnan(geometry.visible_xyxy).all()
 
 
-def test_naive_projection_uses_the_unclipped_amodal_rectangle():
-    geometry = geometry_of(make_3d_box(10, y=10), projection="naive")
-
-    np.testing.assert_array_equal(geometry.xyxy, geometry.amodal_xyxy)
-    assert geometry.xyxy[0, 2] > 1280
-
-
 def test_distance_is_given_or_computed_from_3d_box_or_nan():
     geometry = geometry_of(
         FLAT, {**FLAT, "distance": 3}, make_3d_box(3, y=4), make_3d_box(3, distance=9)
@@ -100,19 +96,13 @@ def test_a_frame_without_boxes_has_empty_arrays():
     assert (geometry.xyxy.shape, geometry.vertices.shape) == ((0, 4), (0, 8, 3))
 
 
-def test_image_size_different_from_camera_is_refused():
-    annotation = parse_annotation({"boxes": [FLAT], "camera": CAMERA})
+def test_image_of_another_size_and_3d_box_without_camera_are_refused():
+    box = {**make_3d_box(10), "id": "7"}
+    annotation = parse_annotation({"boxes": [box], "camera": CAMERA})
 
     words = "camera: expected 640 x 360 px, the image's size, found 1280 x 720 px"
     with pytest.raises(ImageSizeMismatch, match=words):
         frame_boxes_2d(annotation, (640, 360))
-
-
-def test_3d_box_without_camera_raises_annotation_error():
-    box = {**make_3d_box(10), "id": "7"}
-    annotation = parse_annotation({"boxes": [box], "camera": CAMERA})
-
-    with pytest.raises(
-        AnnotationError, match=r'box 0 \(id "7"\), box3d: expected a cam'
-    ):
+    words = r'box 0 \(id "7"\), box3d: expected a cam'
+    with pytest.raises(AnnotationError, match=words):
         frame_boxes_2d(replace(annotation, camera=None), WH)

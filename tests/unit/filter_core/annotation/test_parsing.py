@@ -89,7 +89,7 @@ def test_box_id_becomes_text_and_null_id_becomes_the_index(box_id, expected):
     assert parse_one_box(id=box_id).id == expected
 
 
-def test_null_values_are_treated_as_missing():
+def test_null_values_are_missing_and_unknown_keys_are_kept():
     keys = ("id", "type_id", "distance", "instance_id", "extra")
     box = parse_one_box(**dict.fromkeys(keys))
 
@@ -98,16 +98,13 @@ def test_null_values_are_treated_as_missing():
     everything = ("camera", "map", "weather", "sensors", "captured_at", "carla_version")
     read = parse_annotation(frame(car(), **dict.fromkeys(everything)))
     assert (read.camera, read.map, read.sensors) == (None, None, {})
-
-
-def test_unknown_keys_are_kept_as_given():
-    box = car(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
-    raw = frame(box, extra={"a": 1}, scenario={"n": 7})
+    given_box = car(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
+    raw = frame(given_box, extra={"a": 1}, scenario={"n": 7})
 
     read = parse_annotation(raw)
 
     assert read.raw == raw
-    assert read.boxes[0].raw == box
+    assert read.boxes[0].raw == given_box
 
 
 @pytest.mark.parametrize(
@@ -181,14 +178,8 @@ def test_camera_may_lack_a_pose_and_sensors_have_their_own():
     assert read.sensors == {"lidar": Transform((0, 0, 2.4)), "radar": None}
 
 
-@pytest.mark.parametrize(
-    "time",
-    [
-        "2026-01-01T00:00:00Z",
-        "2026-01-01T00:00:00z",
-        "2026-01-01T00:00:00.5Z",
-        "2026-01-01T00:00:00.123456789+02:00",
-    ],
-)
-def test_rfc_3339_times_are_kept_as_given(time):
+@pytest.mark.parametrize("end", ["Z", "z", ".5Z", ".123456789+02:00"])
+def test_rfc_3339_times_are_kept_as_given(end):
+    time = f"2026-01-01T00:00:00{end}"
+
     assert parse_annotation(frame(captured_at=time)).captured_at == time

@@ -1,18 +1,11 @@
 """Rectangles in another unit than their key says are refused by what they look like."""
 
-import json
-
 import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.errors import AnnotationErrors, LayoutError
-from filter_core.formats.registry import read_source
-from filter_core.local import filter_source
+from filter_core.errors import AnnotationErrors
 from filter_core.pipeline import filter_frame
-from tests.support.folders import write_files
-from tests.support.pictures import png
-from tests.support.shared_data import shared
 
 WIDTH, HEIGHT = 640, 360
 TAGS = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -107,58 +100,3 @@ def test_what_may_be_meant_depends_on_other_boxes_and_on_the_profile():
 
     assert first["reason"] == "no_visible_pixels"
     assert exchanged["reason"] == "degenerate"
-
-
-CLASSES = {"classes.txt": b"car\n"}
-VOC = (
-    "<annotation><size><width>640</width><height>360</height></size><object>"
-    "<name>car</name><bndbox><xmin>{}</xmin><ymin>{}</ymin><xmax>{}</xmax>"
-    "<ymax>{}</ymax></bndbox></object></annotation>"
-)
-
-
-def coco(bbox):
-    """A file with one annotation."""
-    image = {"id": 1, "file_name": "1.png", "width": WIDTH, "height": HEIGHT}
-    box = {"id": 1, "image_id": 1, "category_id": 1, "bbox": bbox}
-    names = [{"id": 1, "name": "car"}]
-    document = {"images": [image], "annotations": [box], "categories": names}
-    return json.dumps(document).encode()
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "code"),
-    [
-        ("labels/1.txt", b"0 223 201.5 74 43\n", "wrong_unit"),
-        ("labels/1.txt", b"0 34.8 56.0 11.6 11.9\n", "wrong_unit"),
-        ("labels/1.txt", b"0 0.348 0.56 -0.116 0.119\n", "negative_size"),
-        ("annotations.json", coco([0.29, 0.5, 0.116, 0.119]), "wrong_unit"),
-        ("annotations.json", coco([260, 223, -74, -43]), "negative_size"),
-        ("Annotations/1.xml", VOC.format(*SHARES).encode(), "wrong_unit"),
-        ("Annotations/1.xml", VOC.format(260, 223, 186, 180).encode(),
-         "exchanged_corners"),
-        ("label_2/1.txt", b"Car 0 0 0 260 223 186 180 -1 -1 -1 -1000 -1000 -1000 0\n",
-         "exchanged_corners"),
-        ("label_2/1.txt",
-         b"Car 0 0 0 0.29 0.5 0.41 0.62 -1 -1 -1 -1000 -1000 -1000 0\n", "wrong_unit"),
-    ],
-)  # fmt: skip
-def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
-    folders = {"Annotations": "JPEGImages", "label_2": "image_2"}
-    images = folders.get(name.split("/")[0], "images")
-    image = png(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-    files = {name: content, f"{images}/1.png": image, **CLASSES}
-    source = read_source(write_files(tmp_path, files))
-
-    (outcome,) = filter_source(source.frames(), FilterConfig())
-
-    assert outcome.error is not None
-    assert [error["code"] for error in outcome.error["errors"]] == [code]
-
-
-@pytest.mark.parametrize("case", ["14-units/xyxy-shares", "14-units/xyxyn-pixels"])
-def test_recordings_of_other_programs_are_refused(case):
-    with pytest.raises(LayoutError) as caught:
-        read_source(shared(f"cases/{case}"))
-
-    assert caught.value.kind == "wrong_unit"

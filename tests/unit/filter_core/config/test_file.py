@@ -69,9 +69,6 @@ def test_carlasimu_config_file_loads_and_lists_unused_keys():
         "sitting.fiter_boundinbox",
         "sitting.time_screen_shot",
     )
-
-
-def test_filter_false_in_carlasimu_config_leaves_every_class_as_it_came():
     config = load_config("sitting: {cam_rgb: {filter: False}}").config
 
     for name in ("car", "walker", "street_light"):

@@ -46,12 +46,8 @@ def test_empty_configuration_has_every_default():
     defaults = {name: key.default for name, key in keys_of(FilterConfig).items()}
 
     assert FilterConfig().as_dict() == {**defaults, "classes": {}}
-
-
-def test_class_keys_all_allow_a_number_range():
-    """Otherwise the arrays by class (`limits_by_class`) would lack a key."""
+    # Otherwise the arrays by class (`limits_by_class`) would lack a key.
     keys = keys_of(ClassKeys).values()
-
     assert all(isinstance(key.allowed, NumberRange) for key in keys)
 
 
@@ -76,12 +72,6 @@ def test_new_key_changes_the_digest_only_with_another_value(keys):
     assert new == same == stored.digest
     assert len({new, other, another}) == 3
     assert WithNewKey().as_dict()["min_side"] == 2
-
-
-def canonical_digest(plain):
-    """SHA-256 of JSON with sorted keys and no white space."""
-    text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 FIRST_KEYS = {
@@ -116,17 +106,17 @@ DEFAULTS_OF_NEW_KEYS: dict[str, object] = {
 """The defaults of all later keys. Such a default must never change again."""
 
 
-def test_default_digest_is_the_sha256_of_the_first_keys():
-    assert FilterConfig(profile="paper").digest == canonical_digest(FIRST_KEYS)
-    strongest = {**FIRST_KEYS, "evidence": "auto", "min_visible_pixels": 10}
-    assert FilterConfig().digest == canonical_digest(strongest)
-
-
-def test_defaults_of_new_keys_are_pinned():
+def test_default_digest_is_that_of_the_first_keys_and_no_later_default_changes():
     """A digest leaves out a new key that has its default.
 
     If that default changed, the same digest would mean two configurations.
     """
+    strongest = {**FIRST_KEYS, "evidence": "auto", "min_visible_pixels": 10}
+    for profile, keys in (("paper", FIRST_KEYS), ("", strongest)):
+        text = json.dumps(keys, sort_keys=True, separators=(",", ":"))
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        options = {"profile": profile} if profile else {}
+        assert FilterConfig.from_mapping(options).digest == digest
     new = {
         name: key.default
         for name, key in keys_of(FilterConfig).items()
@@ -136,10 +126,14 @@ def test_defaults_of_new_keys_are_pinned():
     assert new == DEFAULTS_OF_NEW_KEYS, "add the new key to DEFAULTS_OF_NEW_KEYS"
 
 
-KEY = "threshold_small_box"
-
-
-@pytest.mark.parametrize("mapping", [{KEY: 10}, {KEY: 10.0}, {"classes": {"car": {}}}])
+@pytest.mark.parametrize(
+    "mapping",
+    [
+        {"threshold_small_box": 10},
+        {"threshold_small_box": 10.0},
+        {"classes": {"car": {}}},
+    ],
+)
 def test_defaults_that_are_written_out_are_no_other_configuration(mapping):
     config = FilterConfig.from_mapping(mapping)
 
@@ -158,9 +152,6 @@ def test_order_case_and_class_aliases_do_not_change_the_digest():
 
     assert first.digest == second.digest
     assert first.classes["van"].accept == ("Car", "Truck")
-
-
-def test_configuration_round_trips_json_and_pickle_and_is_hashable():
     config = FilterConfig.from_mapping(
         {"max_distance": 120.5, "classes": {"van": {"accept": ["Truck", 14]}}}
     )
@@ -246,15 +237,10 @@ def test_class_limits_override_or_inherit_the_common_thresholds():
     own = ClassLimits(threshold_small_box=2, min_visible_pixels=7)
     assert config.limits_of("street_light") == own
     assert config.as_dict()["classes"] == {"traffic_light": light}
-
-
-def test_filter_config_keys_keep_the_order_of_decide_config_keys():
-    all_keys, deciding = FilterConfig.keys(), DecideConfig.keys()
-
-    assert tuple(key for key in all_keys if key in deciding) == deciding
-    measuring = "projection min_forward palette encoding channel_order"
-    measuring += " lossy_segmentation tags tag_scale depth_encoding"
-    assert set(all_keys) - set(deciding) == {*measuring.split()}
+    same = config.limits_by_class(["car", "street_light"])
+    others = FilterConfig(min_distance=3).limits_by_class(["car", "street_light"])
+    assert {limits, same, others} == {others, limits}
+    assert limits != others
 
 
 def test_decide_config_works_by_itself_and_refuses_other_keys():
@@ -266,6 +252,12 @@ def test_decide_config_works_by_itself_and_refuses_other_keys():
     assert hash(part) == hash(DecideConfig.from_mapping(part.as_dict()))
     with pytest.raises(ConfigError, match="unknown key 'palette'"):
         DecideConfig.from_mapping({"palette": "auto"})
+    all_keys, deciding = FilterConfig.keys(), DecideConfig.keys()
+
+    assert tuple(key for key in all_keys if key in deciding) == deciding
+    measuring = "projection min_forward palette encoding channel_order"
+    measuring += " lossy_segmentation tags tag_scale depth_encoding"
+    assert set(all_keys) - set(deciding) == {*measuring.split()}
 
 
 def test_diff_configs_lists_every_changed_key():
@@ -389,14 +381,6 @@ def test_schema_has_the_channels_that_use_a_key_and_only_the_keys_of_its_class()
     Draft202012Validator.check_schema(of_deciding)
     defaults = {name: setting["default"] for name, setting in deciding.items()}
     assert defaults == DecideConfig().as_dict()
-
-
-def test_limits_by_class_can_be_hashed_and_compared():
-    limits = FilterConfig().limits_by_class(["car", "van"])
-    others = FilterConfig(min_distance=3).limits_by_class(["car", "van"])
-
-    assert {limits, others} == {others, limits}
-    assert limits != others
 
 
 @pytest.mark.parametrize(

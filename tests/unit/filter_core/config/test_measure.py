@@ -55,7 +55,7 @@ def test_keys_that_need_pixels_change_the_pixel_digest(keys):
     assert measuring(**keys).pixel_digest != measuring().pixel_digest
 
 
-def test_accept_sets_change_the_pixel_digest_only_in_carlasimu():
+def test_accept_sets_change_the_pixels_only_in_carlasimu_which_has_no_channels():
     plain, other = measuring(), measuring(**ACCEPTING)
     assert plain.digest != other.digest
     assert plain.pixel_digest == other.pixel_digest
@@ -65,16 +65,15 @@ def test_accept_sets_change_the_pixel_digest_only_in_carlasimu():
         measuring(profile="carlasimu", **ACCEPTING).pixel_digest
         != published.pixel_digest
     )
-
-
-def test_with_channels_sorts_and_deduplicates_the_channels():
-    config = measuring(evidence="depth").with_channels(["lidar", "depth", "ordered"])
-
-    assert config.channels == ("ordered", "depth", "lidar")
-    assert config.files == ("depth", "lidar")
+    for keys in ({}, ACCEPTING):
+        config = measuring(profile="carlasimu", **keys)
+        assert config.is_covered_by(stored(config.with_channels(["ordered"])))
 
 
 def test_measurement_covers_fewer_channels_with_the_same_tolerance():
+    config = measuring(evidence="depth").with_channels(["lidar", "depth", "ordered"])
+    assert config.channels == ("ordered", "depth", "lidar")
+    assert config.files == ("depth", "lidar")
     much = stored(measuring(evidence="auto").with_channels(["lidar"]))
 
     assert measuring().is_covered_by(much)
@@ -97,13 +96,6 @@ def test_depth_encoding_counts_only_where_a_depth_image_is_read():
         stored(plain.with_channels(["ordered"]))
     )
     assert FilterConfig().measuring().as_measured(stored(swapped)) == swapped
-
-
-@pytest.mark.parametrize("keys", [{}, ACCEPTING])
-def test_carlasimu_measurement_covers_the_same_without_channels(keys):
-    config = measuring(profile="carlasimu", **keys)
-
-    assert config.is_covered_by(stored(config.with_channels(["ordered"])))
 
 
 def test_stored_measurement_restores_its_configuration():

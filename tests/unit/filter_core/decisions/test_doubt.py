@@ -117,6 +117,10 @@ def test_what_is_too_small_follows_the_configuration():
 
     assert (by_default.doubt == Bin.SMALL).tolist() == [True, False, False, False]
     assert (by_config.doubt == Bin.SMALL).tolist() == [True, True, True, False]
+    # What an eye can hardly decide comes last.
+    hardly, _ = doubts_of([box(9.9, side=7.9), box(1.5, side=8)])
+    assert hardly.cause.tolist() == [Cause.OWN_PIXELS, Cause.OWN_PIXELS]
+    assert 0 < hardly.doubt[0] <= 10 < hardly.doubt[1]
 
 
 BOX = st.builds(
@@ -163,13 +167,6 @@ def test_an_eye_decides_better_about_a_larger_box(match, sides):
     result, _ = doubts_of([box(match, side=side) for side in sorted(sides)])
 
     assert result.doubt[0] <= result.doubt[1]
-
-
-def test_boxes_that_an_eye_can_hardly_decide_come_last():
-    result, _ = doubts_of([box(9.9, side=7.9), box(1.5, side=8)])
-
-    assert result.cause.tolist() == [Cause.OWN_PIXELS, Cause.OWN_PIXELS]
-    assert 0 < result.doubt[0] <= 10 < result.doubt[1]
 
 
 def test_bins_come_in_the_order_of_doubt():

@@ -168,25 +168,17 @@ def counts(**by_tag):
 
 
 def test_hidden_by_lists_tags_that_the_class_does_not_accept():
-    row = counts(t14=10, t9=50, t3=20, t6=15, t5=4, t1=1)
+    seen = counts(t14=10, t9=50, t3=20, t6=15, t5=4, t1=1)
 
-    assert hidden_by(row, 1 << 14, "carla-0.9.14") == [
+    assert hidden_by(seen, 1 << 14, "carla-0.9.14") == [
         {"tag": 9, "name": "Vegetation", "rgb": [107, 142, 35], "percent": 50.0},
         {"tag": 3, "name": "Building", "rgb": [70, 70, 70], "percent": 20.0},
         {"tag": 6, "name": "Pole", "rgb": [153, 153, 153], "percent": 15.0},
     ]
-
-
-def test_hidden_by_omits_ground_and_sky():
-    row = counts(t1=10, t2=10, t10=10, t11=10, t24=10, t25=10, t14=40)
-
-    assert hidden_by(row, 1 << 14, "carla-0.9.14") == []
-    assert hidden_by([0] * N_TAGS, 1 << 14, "carla-0.9.14") == []
-
-
-def test_hidden_by_names_and_colours_unknown_pixels_and_sorts_ties_by_tag():
+    ground_and_sky = counts(t1=10, t2=10, t10=10, t11=10, t24=10, t25=10, t14=40)
+    for row in (ground_and_sky, counts()):
+        assert hidden_by(row, 1 << 14, "carla-0.9.14") == []
     building, unknown = hidden_by(counts(t30=5, t3=5), 0, "carla-0.9.14")
-
     assert (building["name"], unknown["name"]) == ("Building", "Unknown")
     assert unknown["rgb"] == [255, 255, 255]
 

@@ -17,6 +17,8 @@ def test_carlasimu_match_over_100_percent_is_compared_before_capping():
 
     assert decisions.reason[0] == Reason.VISIBLE
     assert decisions.margin[0] == 0
+    nothing = decide(evidence_of([], class_names=()), config)
+    assert (len(nothing), nothing.count(Verdict.KEPT)) == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -29,12 +31,3 @@ def test_smallest_distance_is_inclusive(distance, reason):
     )
 
     assert Reason(decisions.reason[0]).label == reason
-
-
-def test_decide_needs_neither_boxes_nor_rectangles():
-    nothing = decide(evidence_of([], class_names=()), FilterConfig())
-    evidence = evidence_of([{}, {"match_percent": 1}])
-
-    assert (len(nothing), nothing.count(Verdict.KEPT)) == (0, 0)
-    assert evidence.xyxy is None
-    assert decide(evidence, FilterConfig()).count(Verdict.KEPT) == 1

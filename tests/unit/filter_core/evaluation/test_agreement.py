@@ -35,11 +35,6 @@ def test_cohen_kappa_equals_published_values(table, kappa, error):
 @pytest.mark.parametrize("table", [[[0, 0], [0, 0]], [[5, 0], [0, 0]]])
 def test_cohen_kappa_is_none_if_all_answers_are_equal(table):
     assert cohen_kappa(np.array(table)) is None
-
-
-def test_agreement_without_answers_has_no_kappa():
     nothing = np.empty(0, np.int64)
-
     result = agreement(nothing, nothing, nothing.astype(bool))
-
     assert (result.boxes, result.agreed, result.pairs, result.kappa) == (0, 0, [], None)

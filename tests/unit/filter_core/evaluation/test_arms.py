@@ -93,12 +93,6 @@ def test_truth_comes_from_answers_or_from_a_file(source, verdicts, task, truth):
     assert boxes.truth.tolist() == truth
 
 
-def test_few_pixels_are_a_doubt_and_none_is_a_ghost():
-    boxes = truth_of_pixels(np.array([0, 1, 9, 10, -1]), 10)
-
-    assert boxes.truth.tolist() == [0, -1, -1, 1, -1]
-
-
 def test_truth_file_tells_pixels_where_it_has_them(tmp_path):
     path = tmp_path / "truth.jsonl"
     path.write_text(
@@ -108,6 +102,8 @@ def test_truth_file_tells_pixels_where_it_has_them(tmp_path):
     )
 
     assert read_box_truth(path, 10) == {"a": {"1": (-1, 3), "2": (1, -1), "3": (0, 0)}}
+    doubtful = truth_of_pixels(np.array([0, 1, 9, 10, -1]), 10)
+    assert doubtful.truth.tolist() == [0, -1, -1, 1, -1]
 
 
 def test_label_noise_counts_ghosts_and_lost_objects(source):

@@ -28,6 +28,7 @@ def test_classes_are_identified_by_name_in_any_order():
     assert (light.class_name, light.boxes) == ("traffic_light", 4)
     assert (light.key, light.at_current.threshold) == ("threshold_small_box", 10)
     assert 1 < light.threshold < 6
+    assert TruthCollector(FilterConfig()).suggestions(Goal()) == []
 
 
 def test_with_thresholds_keeps_all_other_settings():
@@ -50,7 +51,3 @@ def test_with_thresholds_keeps_all_other_settings():
         suggestions[0].threshold
     )
     assert new.of_class("van") == config.of_class("van")
-
-
-def test_no_frames_give_no_suggestions():
-    assert TruthCollector(FilterConfig()).suggestions(Goal()) == []

@@ -9,7 +9,6 @@ from filter_core.evaluation.scores import (
     BANDS,
     Confusion,
     band_index,
-    share,
     wilson_interval,
 )
 
@@ -22,18 +21,14 @@ def test_wilson_interval_equals_published_values(part, whole, low, high):
     assert wilson_interval(part, whole) == pytest.approx((low, high), abs=5e-5)
 
 
-def test_scores_without_boxes_are_none():
-    assert share(0, 0) is None
-    empty = Confusion()
-    assert (empty.precision, empty.recall, empty.f1) == (None, None, None)
-
-
 @given(*[st.integers(0, 200)] * 4)
 def test_precision_recall_and_f1_are_correct_and_in_their_intervals(tp, fp, fn, tn):
     scores = Confusion(tp, fp, fn, tn)
 
     three = scores.precision, scores.recall, scores.f1
     assert scores.boxes == tp + fp + fn + tn
+    wholes = (tp + fp, tp + fn, tp + fp + fn)
+    assert [score is None for score in three] == [whole == 0 for whole in wholes]
     if tp:
         precision, recall = tp / (tp + fp), tp / (tp + fn)
         f1 = 2 * precision * recall / (precision + recall)

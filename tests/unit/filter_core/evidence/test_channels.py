@@ -1,8 +1,8 @@
 """Frames decided by depth, instances, order of distance and LiDAR."""
 
+from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -12,11 +12,14 @@ from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import Decision
 from filter_core.errors import ImageError, ImageTooLarge
 from filter_core.evidence.channels import Sensors, measure_evidence
+from filter_core.evidence.depth import read_depth
 from filter_core.evidence_kinds import STRONGEST_FIRST, EvidenceChoice
 from filter_core.evidence_numbers import ChannelNumbers, number_columns
+from filter_core.formats.registry import read_source
 from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
+from filter_core.local import filter_source
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from filter_core.segmentation.reading import segmentation_from_tags
 from tests.support.lidar import npy
@@ -37,6 +40,7 @@ from tests.support.sensors import (
     scene,
     street_metres,
 )
+from tests.support.shared_data import shared
 
 
 def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
@@ -102,30 +106,20 @@ def test_pixels_decide_as_the_files_that_have_them_and_other_arrays_are_refused(
                 filter_frame(ANNOTATION, tags, options=options)
 
 
-def test_channel_without_its_file_falls_back_to_the_segmentation():
+def test_file_may_be_missing_or_not_needed_and_a_segmentation_may_be_missing():
     near, far = decided("depth")
-
     assert (near["evidence"], far["evidence"]) == ("semantic", "semantic")
     assert far["explanation"].startswith("kept: ")
+    assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
 
-
-def test_instance_channel_decides_without_a_segmentation():
     options = FrameOptions(
         image_wh=(WIDTH, HEIGHT), sensors={"instances": instance_file()}
     )
-
     result = filter_frame(ANNOTATION, None, FilterConfig(evidence="instance"), options)
-
     assert [box["verdict"] for box in result.decisions] == ["kept", "rejected"]
 
 
-def test_too_coarse_depth_refuses_the_frame_except_in_auto():
-
-    grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
-
-    with pytest.raises(ImageError, match=r"3\.9 m"):
-        decided("depth", depth=grey)
-    assert decided("auto", depth=grey)[1]["evidence"] == "ordered"
+COARSE = png(np.zeros((HEIGHT, WIDTH), np.uint8))
 
 
 def measured_notes(**contents: bytes) -> tuple[str, ...]:
@@ -206,10 +200,6 @@ def test_millimetres_of_16_bits_decide_as_raw_depth_and_are_noted():
     ]
 
 
-def test_file_that_no_channel_needs_is_not_read():
-    assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
-
-
 @pytest.mark.parametrize(
     ("needed", "boxes", "explanation"),
     [
@@ -230,24 +220,25 @@ def test_ordered_decision_of_a_box_with_one_visible_pixel(needed, boxes, explana
     assert result.decisions[-1]["explanation"] == explanation
 
 
-def test_configs_of_equal_digest_ignore_the_same_coarse_depth_image():
-    grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
-    options = FrameOptions(sensors={"depth": grey})
-    first, second = (
+def test_too_coarse_depth_refuses_the_frame_except_where_others_are_measured():
+    with pytest.raises(ImageError, match=r"3\.9 m"):
+        decided("depth", depth=COARSE)
+    assert decided("auto", depth=COARSE)[1]["evidence"] == "ordered"
+
+    options = FrameOptions(sensors={"depth": COARSE})
+    configs = [
         FilterConfig(evidence=name).measuring().with_channels(STRONGEST_FIRST)
         for name in ("auto", "depth")
-    )
-    assert first.digest == second.digest
-
-    channels = [
-        read_and_measure(ANNOTATION, scene()[0], config, options).evidence.channels
-        for config in (first, second)
     ]
-
-    for numbers in channels:
-        assert numbers is not None
-        assert channels[0] is not None
-        assert numbers.owned_pixels.tolist() == channels[0].owned_pixels.tolist()
+    first, second = (
+        read_and_measure(ANNOTATION, scene()[0], config, options).evidence.channels
+        for config in configs
+    )
+    assert configs[0].digest == configs[1].digest
+    assert first is not None
+    assert second is not None
+    assert first.owned_pixels.tolist() == second.owned_pixels.tolist()
+    for numbers in (first, second):
         assert (numbers.depth_pixels == NOT_MEASURED).all()
 
 
@@ -275,6 +266,15 @@ def test_boxes_can_be_measured_without_an_annotation():
     assert channels.instance_pixels.tolist() == [38 * 38, 0, 0]
     # Depth needs a camera and corners: there are none.
     assert channels.depth_pixels.tolist() == [NOT_MEASURED] * 3
+    # Rectangles are clipped to the image.
+    tags = np.full((HEIGHT, WIDTH), CAR, np.uint8)
+    sensors = Sensors(segmentation=segmentation_from_tags(tags, "carla-0.9.14"))
+    config = MeasureConfig(channels=("ordered",))
+    clipped = measure_evidence(cars([[-40, -40, 20, 10]], [9]), sensors, config)[
+        0
+    ].channels
+    assert clipped is not None
+    assert clipped.owned_pixels.tolist() == [20 * 10]
 
 
 def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
@@ -298,17 +298,6 @@ def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
     assert channels.lidar_points.tolist() == [NOT_MEASURED] * 2
 
 
-def test_channels_measure_the_rectangle_clipped_to_the_image():
-    tags = np.full((HEIGHT, WIDTH), CAR, np.uint8)
-    sensors = Sensors(segmentation=segmentation_from_tags(tags, "carla-0.9.14"))
-    config = MeasureConfig(channels=("ordered",))
-
-    evidence, _ = measure_evidence(cars([[-40, -40, 20, 10]], [9]), sensors, config)
-
-    assert evidence.channels is not None
-    assert evidence.channels.owned_pixels.tolist() == [20 * 10]
-
-
 @pytest.mark.parametrize("kind", ["segmentation", "depth", "instances"])
 def test_image_larger_than_max_side_is_refused(kind):
     tags, _, _ = scene()
@@ -328,3 +317,24 @@ def test_absent_fills_every_column_with_its_missing_value():
         assert numbers.shape == (2, *column.shape)
         assert numbers.dtype == column.dtype
         np.testing.assert_equal(numbers, np.full_like(numbers, column.missing))
+
+
+def test_depth_in_another_unit_is_no_evidence(tmp_path):
+    """All pixels are ten times as far away as CARLA would have stored them.
+
+    The case has a visible object N before a hidden one, G, and a free one, F.
+    """
+    (source,) = read_source(shared("cases/02-depth-encodings/raw"))
+    steps = read_depth(source.others["depth"].read_bytes()).steps(np.s_[:, :])
+    steps = np.minimum(steps.astype(np.int64) * 10, (1 << 24) - 1)
+    colors = np.dstack([steps & 255, steps >> 8 & 255, steps >> 16]).astype(np.uint8)
+    (tmp_path / "depth.png").write_bytes(png(colors))
+    scaled = replace(source, others={"depth": tmp_path / "depth.png"})
+
+    (outcome,) = filter_source([scaled], FilterConfig(evidence="auto"), workers=1)
+
+    assert outcome.decisions is not None, outcome.error
+    assert {box["evidence"] for box in outcome.decisions} == {"ordered"}
+    verdicts = {box["id"]: box["verdict"] for box in outcome.decisions}
+    assert verdicts == {"N": "kept", "G": "rejected", "F": "kept"}
+    assert "behind each of the" in outcome.notes[0]

@@ -10,6 +10,7 @@ TEN = (0.0, 0.0, 10.0, 10.0)
 
 
 CROWDS = {
+    "no box": (np.empty((0, 4)), np.empty(0, np.int64), []),
     "no area": ([(0, 0, 1e-200, 1e-200)] * 2, [CAR, CAR], [0, 0]),
     "rounded up": ([(0, 0, 0.1, 0.9)] * 2, [CAR, CAR], [100, 100]),
     "rounded down": ([(0, 0, 0.1, 1.7)] * 2, [CAR, CAR], [100, 100]),
@@ -27,7 +28,3 @@ def test_crowding_is_the_largest_share_covered_by_one_other_box(boxes, masks, ex
     percent = crowding_percent(np.array(boxes), np.array(masks))
 
     assert percent.tolist() == expected
-
-
-def test_crowding_without_boxes_is_empty():
-    assert crowding_percent(np.empty((0, 4)), np.empty(0, np.int64)).shape == (0,)

@@ -84,11 +84,12 @@ def test_image_that_is_no_raw_depth_or_not_of_the_named_encoding_is_refused(
     assert refused.value.kind == code
 
 
-def test_jpeg_is_refused_as_lossy_depth():
+def test_jpeg_and_image_of_wrong_size_are_refused():
     with pytest.raises(ImageError, match="JPEG") as refused:
         read_depth(jpeg(np.zeros((8, 8, 3), np.uint8)))
-
     assert refused.value.kind == "lossy_depth"
+    with pytest.raises(ImageSizeMismatch, match="depth image is 3 x 2"):
+        read_depth(depth_png(np.ones((2, 3))), expected_wh=(4, 2))
 
 
 def whole(row: int) -> AcceptedPixels:
@@ -160,11 +161,6 @@ def test_sixteen_bits_tell_nothing_of_far_boxes_and_unknown_pixels():
     assert np.isnan(numbers["known"].center_gap).tolist() == [False, True]
     assert numbers["unknown"].depth_pixels.tolist() == [-1, -1]
     assert np.isnan(numbers["unknown"].center_gap).all()
-
-
-def test_depth_image_of_wrong_size_is_refused():
-    with pytest.raises(ImageSizeMismatch, match="depth image is 3 x 2"):
-        read_depth(depth_png(np.ones((2, 3))), expected_wh=(4, 2))
 
 
 def test_only_accepted_pixels_at_the_boxs_own_depth_count():

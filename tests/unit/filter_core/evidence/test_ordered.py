@@ -34,15 +34,9 @@ def test_nearest_box_owns_the_shared_pixels_and_explains_the_others():
     # The one that explains most is named.
     boxes = [box(0, 0, 10), box(1, 0, 3), box(2, 3, 10)]
     assert owned(boxes, [50.0, 10.0, 20.0]) == ([0, 3, 7], [2, -1, -1])
-
-
-def test_nearer_ghost_without_pixels_does_not_explain_the_box_behind():
+    # A ghost without pixels explains nothing, nor does a box of unknown distance.
     unseen = box(0, 0, 10, mask=[False] * 10)
-
     assert owned([unseen, box(1, 0, 10)], [5.0, 20.0]) == ([0, 10], [-1, -1])
-
-
-def test_box_of_unknown_distance_is_not_measured_and_explains_none():
     assert owned([box(0, 0, 10), box(1, 0, 10)], [np.nan, 20.0]) == ([-1, 10], [-1, -1])
 
 
@@ -91,9 +85,6 @@ def test_pixel_with_centre_outside_the_nearer_outline_is_not_taken():
     far = drawing(1, 2, 0, ["##"])
 
     assert owned([near, far], [10.0, 40.0]) == ([4, 1], [-1, 0])
-
-
-def test_box_without_pixel_centres_owns_the_pixels_it_touches():
+    # A box without the centre of a pixel owns the pixels that it touches.
     thin = drawing(0, 0, 0, ["##"], centred=[[False, False]])
-
     assert owned([thin, drawing(1, 0, 0, ["##"])], [10.0, 40.0]) == ([2, 0], [-1, 0])

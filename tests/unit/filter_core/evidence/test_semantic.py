@@ -23,7 +23,6 @@ PICTURE = tag_image(
     "......",
 )
 WH = (6, 4)
-NAN = float("nan")
 
 
 def evidence(box, *, of="car", profile="paper", tags=PICTURE, ignore=None):
@@ -78,17 +77,7 @@ def test_outside_or_degenerate_box_has_zero_pixels_and_match(box, state):
     assert not measured.tag_counts.any()
 
 
-def test_area_percent_is_of_the_float_box_not_of_its_pixels():
-    assert evidence((1.5, 1.5, 3.5, 2.5)).area_percent[0] == 2.0 / 24 * 100
-
-
-def test_box_of_ignored_pixels_alone_matches_zero_percent():
-    nothing = evidence((1, 1, 3, 3), ignore=np.ones(PICTURE.shape, np.bool_))
-
-    assert (nothing.box_pixels[0], nothing.match_percent[0]) == (0, 0.0)
-
-
-def test_class_without_an_accept_set_and_unknown_pixels_match_nothing():
+def test_unmapped_class_unknown_and_ignored_pixels_match_nothing():
     measured = evidence((1, 1, 3, 3), of="unicorn")
     everything = frame_boxes([(4, 2, 6, 3)], WH, accept={"car": (1 << 62) - 1})
 
@@ -96,6 +85,10 @@ def test_class_without_an_accept_set_and_unknown_pixels_match_nothing():
 
     assert (measured.accept_mask[0], measured.matched_pixels[0]) == (0, 0)
     assert unknown.matched_pixels[0] == 0
+    ignored = evidence((1, 1, 3, 3), ignore=np.ones(PICTURE.shape, np.bool_))
+    assert (ignored.box_pixels[0], ignored.match_percent[0]) == (0, 0.0)
+    # The area is that of the box, and not of its pixels.
+    assert evidence((1.5, 1.5, 3.5, 2.5)).area_percent[0] == 2.0 / 24 * 100
 
 
 def test_geometry_is_measured_without_a_segmentation():
@@ -108,23 +101,12 @@ def test_geometry_is_measured_without_a_segmentation():
     assert measured.tag_counts is None
     assert measured.box_pixels.tolist() == [4, 2]
     assert measured.crowding.tolist() == [50.0, 100.0]
-
-
-def test_a_frame_without_boxes_has_empty_evidence():
-    boxes = frame_boxes(np.empty((0, 4)), WH)
-
-    measured = measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
-
-    assert len(measured) == 0
-    assert measured.tag_counts is not None
-    assert measured.tag_counts.shape == (0, 31)
-
-
-def test_non_finite_coordinate_raises_error_naming_the_box():
-    boxes = frame_boxes([(1, 1, 3, 3), (1, NAN, 3, 3)], WH)
-
-    with pytest.raises(AnnotationError, match="box 1: "):
-        measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
+    changed = with_accept_masks(measured, np.full(2, 1 << 12))
+    assert np.isnan(changed.match_percent).all()
+    none = measure(segmentation_from_tags(PICTURE, FAMILY), frame_boxes([], WH))
+    assert len(none) == 0
+    assert none.tag_counts is not None
+    assert none.tag_counts.shape == (0, 31)
 
 
 @pytest.mark.parametrize("what", ["segmentation", "ignore mask"])
@@ -135,6 +117,8 @@ def test_size_mismatch_error_names_segmentation_or_ignore_mask(what):
 
     with pytest.raises(ImageSizeMismatch, match=f"the {what} is . x . pixels"):
         measure(segmentation, frame_boxes([(0, 0, 1, 1)], wh), ignore=ignore)
+    with pytest.raises(AnnotationError, match="box 1: "):
+        measure(segmentation, frame_boxes([(1, 1, 3, 3), (1, np.nan, 3, 3)], WH))
 
 
 class TestProfileCarlasimu:
@@ -153,14 +137,11 @@ class TestProfileCarlasimu:
         self, box, pixels, matched, percent
     ):
         measured = evidence(box, profile="carlasimu")
+        larger = evidence((-1, -1, 7, 5), profile="carlasimu")
 
+        assert larger.state[0] == BoxState.COVERS_IMAGE
         assert (measured.box_pixels[0], measured.matched_pixels[0]) == (pixels, matched)
         assert measured.match_percent[0] == pytest.approx(percent, rel=1e-15)
-
-    def test_box_larger_than_the_image_has_state_covers_image(self):
-        measured = evidence((-1, -1, 7, 5), profile="carlasimu")
-
-        assert measured.state[0] == BoxState.COVERS_IMAGE
 
     def test_counts_the_class_colour_that_the_palette_family_lacks(self):
         rgb = painted(np.full((8, 20), 1, np.uint8))
@@ -222,25 +203,6 @@ class TestWithAcceptMasks:
     def measured(self, mask):
         boxes = frame_boxes(self.BOXES, WH, accept={"car": mask})
         return measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
-
-    def test_new_accept_masks_equal_a_new_measurement(self):
-        measured = self.measured(1 << 14)
-        before = measured.matched_pixels.copy()
-
-        changed = with_accept_masks(measured, np.full(3, 1 << 12))
-
-        np.testing.assert_array_equal(measured.matched_pixels, before)
-        expected = self.measured(1 << 12)
-        for name in ("matched_pixels", "match_percent", "crowding", "accept_mask"):
-            columns = (getattr(evidence, name) for evidence in (changed, expected))
-            np.testing.assert_array_equal(*columns)
-
-    def test_match_percent_stays_nan_without_a_segmentation(self):
-        unmeasured = measure(None, frame_boxes(self.BOXES, WH))
-
-        changed = with_accept_masks(unmeasured, np.full(3, 1 << 12))
-
-        assert np.isnan(changed.match_percent).all()
 
     @pytest.mark.parametrize("missing", ["tag_counts", "xyxy"])
     def test_missing_histogram_or_boxes_raises_error(self, missing):

@@ -38,7 +38,4 @@ def test_centred_pixels_of_rectangles_are_computed_only_on_request():
     assert plain.centred is None
     assert centred.centred is not None
     assert centred.centred.tolist() == [[False, True, False]]
-
-
-def test_touched_pixels_without_outlines_is_empty():
     assert touched_pixels([], np.empty((0, 4), np.int64)) == []

@@ -65,13 +65,9 @@ def test_distance_range_is_in_decisions_and_counts_for_limits(tmp_path):
     assert decisions[0]["explanation"] == (
         "rejected: it is 150 to 200 m away, at most 150 m are allowed"
     )
-
-
-def test_single_band_bounds_the_distance_from_above(tmp_path):
-    frames = read_source(write_carlasimu(tmp_path, [(NEAR, 20)], bands=(70,)))
-
-    (frame,) = frames
-
+    # A single band bounds the distance from above.
+    single = write_carlasimu(tmp_path / "single", [(NEAR, 20)], bands=(70,))
+    (frame,) = read_source(single)
     (box,) = annotation_of(frame)["boxes"]
     assert box["distance_range"] == [0, 70]
 

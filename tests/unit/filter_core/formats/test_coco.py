@@ -78,13 +78,6 @@ def test_unknown_coco_keys_are_kept(tmp_path):
     assert parsed.boxes[0].distance is None
 
 
-def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
-    (frame,) = read(tmp_path, [A], [annotation(5, 1), annotation(5, 1)])
-
-    boxes = parse_annotation(annotation_of(frame)).boxes
-    assert [box.id for box in boxes] == ["0", "1"]
-
-
 @pytest.mark.parametrize(
     ("images", "rows", "words"),
     [
@@ -278,7 +271,7 @@ def test_images_that_differ_in_their_suffix_are_two_frames(tmp_path, folder):
     assert classes == ["walker", "car"]
 
 
-def test_letter_of_a_category_that_is_no_utf8_spoils_nothing(tmp_path):
+def test_letter_that_is_no_utf8_or_id_that_is_there_twice_spoils_nothing(tmp_path):
     content = coco([A], [annotation(1, 1)]).encode()
     text = content.replace(b'"name"', b'"x": "\xff", "name"', 1)
     write_files(tmp_path, {"a.json": text, "a.png": b""})
@@ -286,6 +279,10 @@ def test_letter_of_a_category_that_is_no_utf8_spoils_nothing(tmp_path):
     (frame,) = read_source(tmp_path)
 
     assert len(annotation_of(frame)["boxes"]) == 1
+    (frame,) = read(tmp_path / "ids", [A], [annotation(5, 1), annotation(5, 1)])
+
+    boxes = parse_annotation(annotation_of(frame)).boxes
+    assert [box.id for box in boxes] == ["0", "1"]
 
 
 def test_keypoints_beside_instances_are_not_read_twice(tmp_path):

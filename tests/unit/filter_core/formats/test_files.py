@@ -19,6 +19,12 @@ def test_file_appears_only_when_it_is_complete(tmp_path):
 
     assert path.read_bytes() == b"half and half"
     assert list(tmp_path.iterdir()) == [path]
+    path.chmod(0o600)
+
+    write_whole(path, b"new")
+
+    assert path.read_bytes() == b"new"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
 def write_half(path, error):
@@ -52,16 +58,6 @@ def test_link_of_the_name_is_replaced_and_not_followed(tmp_path, exists):
     assert path.read_bytes() == b"new"
     assert private.exists() == exists
     assert not exists or private.read_text() == "mine"
-
-
-def test_replaced_file_keeps_its_permissions(tmp_path):
-    path = tmp_path / "decisions.jsonl"
-    path.touch(0o600)
-
-    write_whole(path, b"new")
-
-    assert path.read_bytes() == b"new"
-    assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
 def test_pipe_is_written_into_and_not_replaced(tmp_path):

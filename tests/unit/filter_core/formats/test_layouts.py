@@ -132,16 +132,6 @@ def test_invalid_yolo_line_is_reported_and_other_frames_are_read(tmp_path, line,
     assert (good.problem, good.annotation) == (None, {"boxes": [BOX]})
 
 
-def test_list_and_readme_files_are_not_read_as_labels(tmp_path):
-    files = {"labels/classes.txt": "car\n", "labels/train.txt": YOLO_LINE}
-    others = {"readme.txt": "hello", "train.txt": "images/train.png"}
-
-    frames = read_source(write_files(tmp_path, files | others))
-
-    assert (frames.layout, keys(frames)) == ("yolo", ["train"])
-    assert frames.classes == ("car",)
-
-
 def test_texts_that_are_no_labels_are_no_frames(tmp_path):
     texts = {
         "data.yaml": NAMES,
@@ -188,12 +178,19 @@ def test_texts_among_labels_that_cannot_be_read_are_listed(tmp_path, named):
     assert all("'class cx cy w h'" in why for why in listed.values())
 
 
-def test_notes_beside_images_do_not_hide_the_images(tmp_path):
+def test_notes_and_lists_are_no_labels_and_hide_no_images(tmp_path):
     write_files(tmp_path, {"a.png": None, "README.roboflow.txt": "carla - v1\n"})
 
     frames = read_source(tmp_path)
 
     assert (frames.layout, keys(frames), frames.unmatched) == ("pairs", ["a"], ())
+    files = {"labels/classes.txt": "car\n", "labels/train.txt": YOLO_LINE}
+    others = {"readme.txt": "hello", "train.txt": "images/train.png"}
+
+    frames = read_source(write_files(tmp_path / "lists", files | others))
+
+    assert (frames.layout, keys(frames)) == ("yolo", ["train"])
+    assert frames.classes == ("car",)
 
 
 def test_outlines_are_read_as_rectangles_and_counted(tmp_path):
@@ -413,7 +410,7 @@ def test_coco_file_that_is_a_link_out_of_the_folder_is_refused(tmp_path):
         read_source(tmp_path / "town")
 
 
-def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
+def test_links_inside_the_folder_into_named_folders_or_allowed_ones_are_read(tmp_path):
     files = {"town/labels/1.txt": YOLO_LINE, "town/raw/a.png": None, "tags/1.png": None}
     town = write_files(tmp_path, {**files, "town/data.yaml": NAMES}) / "town"
     (town / "images").mkdir()
@@ -428,12 +425,9 @@ def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
 
     assert frame.image == tmp_path / "link/images/1.png"
     assert frame.segmentation == town / "seg/1.png"
-
-
-def test_links_out_of_the_folder_are_read_with_the_option(tmp_path):
     files = {"town/labels/1.txt": YOLO_LINE, "disk/1.png": None, "tags/1.png": None}
-    town = write_files(tmp_path, {**files, "town/data.yaml": NAMES}) / "town"
-    (town / "1.png").symlink_to(tmp_path / "disk/1.png")
+    town = write_files(tmp_path / "other", {**files, "town/data.yaml": NAMES}) / "town"
+    (town / "1.png").symlink_to(tmp_path / "other/disk/1.png")
     (town / "seg").symlink_to(tmp_path / "tags")
 
     (frame,) = read_source(town, options=RecordingDescription(outside_files=True))
@@ -469,6 +463,14 @@ def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):
     assert [(file.path, file.why) for file in frames.unmatched] == [
         ("label50/2.txt", "not in the widest band, label200")
     ]
+    # Without a class, rectangles are in pixels, and of the default class.
+    raw = write_files(tmp_path / "raw", {"label/1.txt": "10 20 4 6\n"})
+    write_files(raw, {"img/1.png": None})
+    usual, named = RecordingDescription(), RecordingDescription(default_class="car")
+    for options, name in ((usual, "unknown"), (named, "car")):
+        (frame,) = read_source(raw, options=options)
+        rectangle = {"cxcywh": [10.0, 20.0, 4.0, 6.0]}
+        assert frame.annotation == {"boxes": [{"class": name, **rectangle}]}
 
 
 @pytest.mark.parametrize("readme", ["# My data", '{"author": "me"}', "[1, 2]"])
@@ -478,16 +480,6 @@ def test_readme_without_classes_keeps_default_carlasimu_classes(tmp_path, readme
     (frame,) = read_source(tmp_path)
 
     assert frame.annotation == {"boxes": [{**BOX, "class": "walker"}]}
-
-
-def test_raw_cxcywh_boxes_have_class_unknown_or_the_default_class(tmp_path):
-    write_files(tmp_path, {"label/1.txt": "10 20 4 6\n", "img/1.png": None})
-
-    usual, named = RecordingDescription(), RecordingDescription(default_class="car")
-    for options, name in ((usual, "unknown"), (named, "car")):
-        (frame,) = read_source(tmp_path, options=options)
-        rectangle = {"cxcywh": [10.0, 20.0, 4.0, 6.0]}
-        assert frame.annotation == {"boxes": [{"class": name, **rectangle}]}
 
 
 @pytest.mark.parametrize(
@@ -588,27 +580,19 @@ def test_source_that_is_no_folder_is_refused_without_its_parent_path(
     assert str(tmp_path) not in caught.value.detail
 
 
-@pytest.mark.parametrize(
-    ("layout", "error", "words"),
-    [
-        ("auto", LayoutError, "no layout recognised"),
-        ("ylo", LayoutError, "the nearest is 'yolo'"),
-        ("coco", LayoutError, "images, annotations and categories"),
-        ("kitti", LayoutError, "found neither"),
-        ("manifest", LayoutError, r"expected manifest\.jsonl"),
-        ("carlasimu", LayoutError, "found neither"),
-    ],
-)
-def test_unreadable_folder_error_says_what_was_expected(tmp_path, layout, error, words):
-    with pytest.raises(error, match=words):
-        read_source(tmp_path, layout)
-
-
-def test_label_file_that_is_not_utf8_is_a_problem_of_its_frame(tmp_path):
+def test_folder_or_file_that_cannot_be_read_says_what_was_expected(tmp_path):
+    for layout, words in [
+        ("auto", "no layout recognised"),
+        ("ylo", "the nearest is 'yolo'"),
+        ("coco", "images, annotations and categories"),
+        ("kitti", "found neither"),
+        ("manifest", r"expected manifest\.jsonl"),
+        ("carlasimu", "found neither"),
+    ]:
+        with pytest.raises(LayoutError, match=words):
+            read_source(tmp_path, layout)
     write_files(tmp_path, {"labels/1.txt": b"\xff\xfe0", "data.yaml": NAMES})
-
     (frame,) = read_source(tmp_path)
-
     assert "labels/1.txt: expected UTF-8 text, found byte 0xff" in str(frame.problem)
 
 

@@ -22,7 +22,7 @@ def write(tmp_path, *lines):
     return path
 
 
-def test_paths_are_relative_to_the_manifest_or_absolute(tmp_path):
+def test_paths_are_absolute_or_relative_to_the_manifest_or_a_named_folder(tmp_path):
     inside = str(tmp_path / "seg/0.png")
     files = {"image": "rgb/../rgb/0.png", "segmentation": inside, "depth": "d/0.png"}
     path = write(tmp_path, json.dumps({**FRAME, **files, "map": "Town01"}))
@@ -34,6 +34,12 @@ def test_paths_are_relative_to_the_manifest_or_absolute(tmp_path):
     assert str(frame.segmentation) == inside
     assert frame.others == {"depth": tmp_path / "d/0.png"}
     assert frame.annotation == {"boxes": FRAME["boxes"], "map": "Town01"}
+    path = write(tmp_path, json.dumps({**FRAME, "segmentation": "0.png"}))
+    options = RecordingDescription(segmentation=tmp_path / "seg")
+
+    (frame,) = read_source(path, options=options)
+
+    assert frame.segmentation == tmp_path / "seg/0.png"
 
 
 @pytest.fixture
@@ -94,16 +100,13 @@ def test_manifest_that_is_a_link_to_a_file_outside_is_refused(tmp_path):
     assert [frame.key for frame in read_source(link.parent, options=allowed)] == ["a/0"]
 
 
-def test_segmentation_paths_are_relative_to_the_given_folder(tmp_path):
-    path = write(tmp_path, json.dumps({**FRAME, "segmentation": "0.png"}))
-    options = RecordingDescription(segmentation=tmp_path / "seg")
+def test_single_manifest_is_found_by_any_name_and_may_have_paths_of_windows(tmp_path):
+    lines = json.dumps({**FRAME, "image": "0.png"})
+    write_files(tmp_path, {"run/town.jsonl": lines, "frames.jsonl": "{}"})
 
-    (frame,) = read_source(path, options=options)
+    (frame,) = read_source(tmp_path, "manifest")
 
-    assert frame.segmentation == tmp_path / "seg/0.png"
-
-
-def test_windows_paths_are_resolved(tmp_path):
+    assert frame.image == tmp_path / "run/0.png"
     write_files(tmp_path, {"d/rgb/0.png": None, "d/manifest.jsonl": ""})
     files = {"image": "rgb\\0.png", "depth": "no\\0.png"}
     (tmp_path / "d/manifest.jsonl").write_text(json.dumps({**FRAME, **files}))
@@ -112,15 +115,6 @@ def test_windows_paths_are_resolved(tmp_path):
 
     assert frame.image == tmp_path / "d/rgb/0.png"
     assert frame.others == {"depth": tmp_path / "d/no/0.png"}
-
-
-def test_single_manifest_is_found_by_any_name_in_any_subfolder(tmp_path):
-    lines = json.dumps({**FRAME, "image": "0.png"})
-    write_files(tmp_path, {"run/town.jsonl": lines, "frames.jsonl": "{}"})
-
-    (frame,) = read_source(tmp_path, "manifest")
-
-    assert frame.image == tmp_path / "run/0.png"
 
 
 def test_byte_order_mark_and_empty_lines_are_ignored(tmp_path):

@@ -73,6 +73,12 @@ def test_segmentation_and_label_folders_can_be_given(tmp_path):
 
     assert frame.segmentation == tmp_path / "tags/1.png"
     assert frame.annotation == BOXES
+    # Labels of other layouts are listed.
+    files = {"1.png": None, "1.txt": "0 1 1 1 1", "a.xml": "<a/>"}
+    other = write_files(tmp_path / "other", files)
+    frames = read_source(other, "pairs")
+
+    assert [file.path for file in frames.unmatched] == ["1.txt", "a.xml"]
 
 
 @pytest.mark.parametrize(
@@ -89,14 +95,6 @@ def test_invalid_annotation_is_a_problem_of_its_frame(tmp_path, text, words):
 
     assert words in str(bad.problem)
     assert (bad.annotation, good.annotation) == (None, {"boxes": []})
-
-
-def test_labels_of_other_layouts_are_listed_as_unmatched(tmp_path):
-    write_files(tmp_path, {"1.png": None, "1.txt": "0 1 1 1 1", "a.xml": "<a/>"})
-
-    frames = read_source(tmp_path, "pairs")
-
-    assert [file.path for file in frames.unmatched] == ["1.txt", "a.xml"]
 
 
 IDS = np.full((60, 80), 7)

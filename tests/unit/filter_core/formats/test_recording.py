@@ -70,6 +70,14 @@ def test_description_lies_beside_the_file_too_or_anywhere_if_it_is_named(tmp_pat
 
     assert describe(tmp_path / "x.json").classes == ("car",)
     assert describe(tmp_path, tmp_path / "o/other.yaml") == RecordingDescription()
+    write_files(tmp_path, {"town/1.png": None, "tags/1.png": None})
+    file = tmp_path / "described.yaml"
+    file.write_text("segmentation: {folder: ../tags}")
+
+    named = describe(tmp_path / "town", file)
+
+    assert named.segmentation is not None
+    assert named.segmentation.samefile(tmp_path / "tags")
 
 
 def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
@@ -90,6 +98,8 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         "paper-table1"
     )
     assert load_config("", below=below).config.palette == "carla-0.9.14"
+    with pytest.raises(ConfigError, match="origin: expected"):
+        RecordingDescription(origin="2")  # type: ignore[arg-type]  # the fault that is tested
 
 
 @pytest.mark.parametrize(
@@ -156,38 +166,10 @@ def test_fault_of_a_description_names_file_and_key(tmp_path, text, words):
     assert RECORDING_NAME in str(caught.value)
 
 
-def test_folders_elsewhere_need_a_description_that_was_named(tmp_path):
-    write_files(tmp_path, {"town/1.png": None, "tags/1.png": None})
-    file = tmp_path / "described.yaml"
-    file.write_text("segmentation: {folder: ../tags}")
-
-    named = describe(tmp_path / "town", file)
-
-    assert named.segmentation is not None
-    assert named.segmentation.samefile(tmp_path / "tags")
-
-
-def test_wrong_option_names_itself():
-    with pytest.raises(ConfigError, match="origin: expected"):
-        RecordingDescription(origin="2")  # type: ignore[arg-type]  # the fault that is tested
-
-
-def test_key_that_a_layout_does_not_use_is_refused_with_its_place(tmp_path):
-    write_files(tmp_path, {RECORDING_NAME: "boxes: {origin: 1}", "1.png": None})
-
-    with pytest.raises(LayoutError, match=r"'origin' \(boxes.origin of a description"):
-        read_source(tmp_path)
-
-
 def test_empty_description_changes_nothing(tmp_path):
     write_files(tmp_path, {RECORDING_NAME: "# nothing\nboxes:\nclasses: {}\n"})
 
     assert describe(tmp_path) == RecordingDescription()
     assert describe(tmp_path).changed == {}
-
-
-def test_layouts_are_the_formats_that_can_be_read():
-    assert list(LAYOUTS) == [
-        "auto",
-        *(name for name, form in FORMATS.items() if form.read),
-    ]
+    formats = [name for name, form in FORMATS.items() if form.read]
+    assert list(LAYOUTS) == ["auto", *formats]

@@ -222,15 +222,13 @@ def test_auxiliary_images_are_no_images_of_labels(tmp_path):
     assert frame.segmentation == tmp_path / "seg/1.png"
     assert frame.others == {"depth": tmp_path / "depth/1.png"}
     assert frame.annotation == {"boxes": [BOX]}
+    named = tmp_path / "named"
+    write_files(named, dict.fromkeys(("rgb/1.png", "seg/1.png", "better/1.png")))
+    options = RecordingDescription(segmentation=named / "better")
 
+    (frame,) = read_source(named, options=options)
 
-def test_segmentations_of_a_folder_that_was_named_win(tmp_path):
-    write_files(tmp_path, dict.fromkeys(("rgb/1.png", "seg/1.png", "better/1.png")))
-    options = RecordingDescription(segmentation=tmp_path / "better")
-
-    (frame,) = read_source(tmp_path, options=options)
-
-    assert frame.segmentation == tmp_path / "better/1.png"
+    assert frame.segmentation == named / "better/1.png"
 
 
 def test_carlasimu_finds_its_folder_with_a_backslash_from_both_folders(tmp_path):
@@ -347,14 +345,12 @@ def test_a_folder_whose_images_all_have_other_looks_is_not_read_whole(tmp_path):
     (note,) = recording.notes()
     assert note.startswith("144 images, such as ")
     assert "their names alone" in note
-
-
-def test_a_grey_picture_among_pictures_costs_no_look_at_each(tmp_path):
-    """Whether it is grey does not matter: all are pictures, and all are frames."""
+    # A grey picture among pictures costs no look at each: all are frames.
+    grey = tmp_path / "grey"
     files = {f"images/{n:04}.png": png(photo()[:8]) for n in range(300)}
-    write_files(tmp_path, {**files, "images/0150.png": png(photo(grey=True))})
+    write_files(grey, {**files, "images/0150.png": png(photo(grey=True))})
 
-    recording = read_source(tmp_path)
+    recording = read_source(grey)
 
     assert len(list(recording)) == 300
     assert recording.notes() == ()

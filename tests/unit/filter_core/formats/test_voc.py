@@ -19,13 +19,25 @@ def voc(corners=(1, 2, 30, 40), extra="", size="<width>80</width><height>60</hei
     ).encode()
 
 
-def test_integer_voc_coordinates_are_one_based_and_inclusive():
+def test_integer_voc_coordinates_are_one_based_and_texts_are_unescaped():
     annotation = read_voc(voc((1, 2, 30, 40), "<truncated>1</truncated>"), "a.xml")
 
     assert annotation == {
         "camera": {"width": 80, "height": 60},
         "boxes": [{"class": "traffic light", "xyxy": [0, 1, 30, 40], "truncated": 1}],
     }
+    content = (
+        b'<?xml version="1.0"?><!-- by hand --><annotation verified="yes"><object>'
+        b"<name>car &amp; <![CDATA[van]]></name><pose>Left</pose><occluded/><bndbox>"
+        b"<xmin>1</xmin><ymin>2</ymin><xmax>10</xmax><ymax>20</ymax></bndbox></object>"
+        b"</annotation>"
+    )
+
+    assert read_voc(content, "a.xml") == {
+        "boxes": [{"class": "car & van", "xyxy": [0, 1, 10, 20], "pose": "Left"}]
+    }
+    no_size = "<width>0</width><height>0</height>"
+    assert "camera" not in read_voc(voc(size=no_size), "a.xml")
 
 
 def read_all(folder, options=None):
@@ -119,25 +131,6 @@ def test_images_of_one_name_in_two_folders_are_two_frames(tmp_path):
     assert [each.segmentation for each in frames] == [tmp_path / name for name in tags]
 
 
-def test_xml_text_is_unescaped_and_comments_are_ignored():
-    content = (
-        b'<?xml version="1.0"?><!-- by hand --><annotation verified="yes"><object>'
-        b"<name>car &amp; <![CDATA[van]]></name><pose>Left</pose><occluded/><bndbox>"
-        b"<xmin>1</xmin><ymin>2</ymin><xmax>10</xmax><ymax>20</ymax></bndbox></object>"
-        b"</annotation>"
-    )
-
-    assert read_voc(content, "a.xml") == {
-        "boxes": [{"class": "car & van", "xyxy": [0, 1, 10, 20], "pose": "Left"}]
-    }
-
-
-def test_image_size_of_zero_is_ignored():
-    size = "<width>0</width><height>0</height>"
-
-    assert "camera" not in read_voc(voc(size=size), "a.xml")
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -192,7 +185,14 @@ def test_long_xml_namespace_is_refused_before_it_is_written_out(declaration, enc
         read_voc(text.encode(encoding), "a.xml")
 
 
-def test_file_with_xmlns_in_a_comment_is_refused_with_the_reason():
+def test_usual_xml_namespaces_are_ignored_and_xmlns_in_a_comment_is_refused():
+    content = voc().replace(
+        b"<annotation>",
+        b'<annotation xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
+        b"xmlns:xsd = 'http://www.w3.org/2001/XMLSchema'>",
+    )
+
+    assert read_voc(content, "a.xml") == read_voc(voc(), "a.xml")
     content = voc().replace(b"<annotation>", b"<annotation><!-- no xmlns here -->")
 
     with pytest.raises(LayoutError) as refused:
@@ -202,16 +202,6 @@ def test_file_with_xmlns_in_a_comment_is_refused_with_the_reason():
         "a.xml: expected a namespace of at most 100 characters after each `xmlns`, "
         "also in comments and texts"
     )
-
-
-def test_usual_xml_namespaces_are_ignored():
-    content = voc().replace(
-        b"<annotation>",
-        b'<annotation xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
-        b"xmlns:xsd = 'http://www.w3.org/2001/XMLSchema'>",
-    )
-
-    assert read_voc(content, "a.xml") == read_voc(voc(), "a.xml")
 
 
 def test_voc_folder_is_read_and_an_invalid_file_is_reported(tmp_path):

@@ -44,7 +44,7 @@ def test_coco_export_has_ids_from_one_and_xywh_boxes():
     assert document(files, "annotations/instances_val.json")["images"] == []
 
 
-def test_coco_export_keeps_coco_keys_of_the_input():
+def test_coco_export_keeps_keys_of_the_input_but_no_outline_of_another_rectangle():
     outline = [[1, 2, 3, 4, 5, 6]]
     fields = {"area": 17.5, "ignore": 0, "track": 3, "segmentation": outline}
     files = export("coco", [frame("a", box("x", given=fields, distance=12.5))], split=1)
@@ -53,9 +53,6 @@ def test_coco_export_keeps_coco_keys_of_the_input():
 
     assert {key: row[key] for key in fields} == fields
     assert row["attributes"] == {"id": "x", "distance": 12.5}
-
-
-def test_coco_export_contains_3d_vertices_and_camera():
     corners = [[float(n), 0.0, 1.0] for n in range(8)]
     camera = {"width": 100, "height": 80, "fov": 90.0, "transform": POSE}
     solid = box(0, given={"vertices": corners})
@@ -65,6 +62,14 @@ def test_coco_export_contains_3d_vertices_and_camera():
 
     assert made["annotations"][0]["attributes"]["vertices"] == corners
     assert made["images"][0]["camera"] == camera
+    outline = [[0, 0, 90, 0, 90, 70, 0, 70]]
+    fields = {"xyxy": [0, 0, 90, 70], "area": 6300.0, "segmentation": outline}
+    tight = box(0, (0, 0, 90, 70), given=fields, tight_xyxy=[10, 10, 30, 30])
+
+    for boxes, seen in (("visible", (6300.0, outline)), ("tight", (400.0, []))):
+        files = export("coco", [frame("a", tight)], split=1.0, boxes=boxes)
+        (row,) = document(files, COCO_TRAIN)["annotations"]
+        assert (row["area"], row["segmentation"]) == seen
 
 
 @pytest.mark.parametrize(
@@ -99,10 +104,7 @@ def test_kitti_export_has_15_columns_and_defaults_for_unknown_values():
     ]
     assert files["ImageSets/train.txt"] == b"000000\n"
     assert json.loads(files["frames.jsonl"])["key"] == "x/y z"
-
-
-def test_kitti_export_ignores_invalid_values_under_its_keys():
-    """Any sender may use these keys, so their values need not be KITTI's."""
+    # Any sender may use these keys, so their values need not be KITTI's.
     fields = {"kitti": {"alpha": "north", "dimensions": ["a", "b", "c"]}}
     beside = {"dontcare": [["left", "top", "right", "bottom"], [1, 2, 3, 4]]}
     made = frame("a", box(0, given=fields), annotation=beside)
@@ -125,23 +127,15 @@ def test_kitti_types_are_unique_and_without_spaces():
     assert said == {"traffic light": "traffic_light"}
 
 
-def test_coco_export_of_tight_boxes_has_no_outline_of_another_rectangle():
-    outline = [[0, 0, 90, 0, 90, 70, 0, 70]]
-    fields = {"xyxy": [0, 0, 90, 70], "area": 6300.0, "segmentation": outline}
-    tight = box(0, (0, 0, 90, 70), given=fields, tight_xyxy=[10, 10, 30, 30])
-
-    for boxes, seen in (("visible", (6300.0, outline)), ("tight", (400.0, []))):
-        files = export("coco", [frame("a", tight)], split=1.0, boxes=boxes)
-        (row,) = document(files, COCO_TRAIN)["annotations"]
-        assert (row["area"], row["segmentation"]) == seen
-
-
-def test_label_file_is_never_called_like_a_list_of_classes():
+def test_yolo_export_has_no_label_like_a_list_of_classes_and_no_empty_part():
     files = export("yolo", [frame("classes", box(0))], split=1.0)
 
     labels = [name for name in files if name.startswith("labels/")]
     assert len(labels) == 1
     assert not labels[0].endswith("/classes.txt")
+    names = yaml.safe_load(export("yolo", [frame("a")], split=0.0)["data.yaml"])
+
+    assert (names["train"], names["val"]) == ("images/val", "images/val")
 
 
 @pytest.mark.parametrize(
@@ -239,12 +233,6 @@ def test_manifest_export_returns_the_input_without_rejected_boxes():
     named = {"key": "a/b", "image": "images/a/b.png"}
     assert line == {**named, **own, "boxes": [kept.given]}
     assert files["images/a/b.png"].startswith(b"\x89PNG")
-
-
-def test_yolo_data_yaml_replaces_an_empty_split_by_the_other():
-    names = yaml.safe_load(export("yolo", [frame("a")], split=0.0)["data.yaml"])
-
-    assert (names["train"], names["val"]) == ("images/val", "images/val")
 
 
 @pytest.mark.parametrize(

@@ -260,14 +260,6 @@ def test_image_whose_size_differs_from_its_header_is_not_decoded(flags):
     assert decode_image(content, other, flags) is None
 
 
-def with_orientation(content, orientation):
-    """A JPEG that EXIF says how to turn."""
-    tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, orientation, 0, 0)
-    body = b"Exif\x00\x00" + tiff
-    size = struct.pack(">H", len(body) + 2)
-    return content[:2] + b"\xff\xe1" + size + body + content[2:]
-
-
 @pytest.mark.parametrize("flags", [cv2.IMREAD_COLOR, cv2.IMREAD_REDUCED_COLOR_2])
 @pytest.mark.parametrize(
     ("orientation", "turned"),
@@ -284,7 +276,7 @@ def test_picture_is_drawn_as_seen_unless_its_sides_would_be_exchanged(
 ):
     picture = np.zeros((32, 48, 3), np.uint8)
     picture[:16, :24], picture[16:, :24] = 250, 120
-    content = with_orientation(pictures.jpeg(picture), orientation)
+    content = pictures.with_orientation(pictures.jpeg(picture), orientation)
 
     pixels = decode_as_seen(content, read_image_header(content), flags)
 
@@ -296,7 +288,7 @@ def test_picture_is_drawn_as_seen_unless_its_sides_would_be_exchanged(
 
 def test_exif_orientation_is_ignored_when_decoding():
     content = pictures.jpeg(np.zeros((3, 5, 3), np.uint8))
-    turned = with_orientation(content, 6)
+    turned = pictures.with_orientation(content, 6)
 
     by_exif = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR)
     assert by_exif is not None

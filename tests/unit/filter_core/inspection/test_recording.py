@@ -123,7 +123,7 @@ def test_remedies_are_keys_of_a_description(tmp_path, suffix, segmentation, reme
     assert any(remedy in text for text in texts), texts
 
 
-def test_remarks_about_classes_name_them_and_leave_out_blanks(tmp_path):
+def test_remarks_name_classes_and_boxes_outside_of_a_frame_are_counted(tmp_path):
     names = ("unknown", "CAAR", "Misc")
     boxes = [{"id": name, "class": name, "xyxy": [1, 1, 9, 9]} for name in names]
     files = {"1.png": png(street_tags()), "1.json": json.dumps({"boxes": boxes})}
@@ -134,6 +134,14 @@ def test_remarks_about_classes_name_them_and_leave_out_blanks(tmp_path):
     assert unmapped.unknown_classes == ("CAAR", "Misc", "unknown")
     assert unmapped.remedies == [(("classes", "CAAR"), "car")]
     assert unmapped.finding.endswith("CAAR (1), Misc (1), unknown (1)")
+    boxes = [{"class": "car", "xyxy": [x, 10, x + 20, 30]} for x in (10, 200, 300)]
+
+    outside = tmp_path / "outside"
+    write_files(outside, {"1.png": None, "1.json": json.dumps({"boxes": boxes})})
+
+    (frame,) = inspect_recording(outside).drawn
+
+    assert (len(frame.boxes), frame.outside) == (1, 2)
 
 
 def test_files_that_the_description_ignores_are_listed_with_this_reason(tmp_path):
@@ -146,15 +154,6 @@ def test_files_that_the_description_ignores_are_listed_with_this_reason(tmp_path
     assert (facts.layout, facts.frames, facts.left_over) == ("yolo", 1, ())
     ignored = "`files.ignore` of the description leaves it out"
     assert counts(facts.not_read) == {ignored: 5}
-
-
-def test_boxes_outside_of_a_drawn_frame_are_counted(tmp_path):
-    boxes = [{"class": "car", "xyxy": [x, 10, x + 20, 30]} for x in (10, 200, 300)]
-    write_files(tmp_path, {"1.png": None, "1.json": json.dumps({"boxes": boxes})})
-
-    (frame,) = inspect_recording(tmp_path).drawn
-
-    assert (len(frame.boxes), frame.outside) == (1, 2)
 
 
 def test_tutorial_has_one_family_that_some_of_its_images_tell_and_coarse_depth():

@@ -208,25 +208,21 @@ def test_over_one_percent_of_colours_of_no_family_is_refused():
         "2.0 % of the pixels have colours of no known family, most often (1, 2, 3); "
         "at most 1 % may."
     )
-
-
-def test_colour_known_only_with_swapped_channels_is_of_no_family():
-    rgb = rows(*[(0, 0, 142), (0, 0, 70), (255, 0, 0)] * 7, (142, 0, 0))
-
+    # A colour that is known only with swapped channels is of no family, either.
+    swapped = rows(*[(0, 0, 142), (0, 0, 70), (255, 0, 0)] * 7, (142, 0, 0))
     with pytest.raises(SegmentationError, match=r"most often \(142, 0, 0\)"):
-        read_segmentation(png(rgb))
+        read_segmentation(png(swapped))
 
 
 class TestLossy:
     NEAREST = SegmentationOptions(lossy="nearest")
 
-    def test_jpeg_is_refused_by_default_with_a_hint(self):
+    def test_jpeg_is_read_by_the_nearest_colour_if_configured(self):
         with pytest.raises(SegmentationError, match="lossy_segmentation: nearest") as e:
             read_segmentation(jpeg(painted(LARGE_STREET)))
-
         assert e.value.kind == "lossy_segmentation"
+        assert not read_segmentation(png(painted(STREET)), self.NEAREST).lossy
 
-    def test_jpeg_is_read_by_the_nearest_colour_if_configured(self):
         segmentation = read_segmentation(jpeg(painted(LARGE_STREET)), self.NEAREST)
 
         assert (segmentation.family, segmentation.lossy) == (FAMILY, True)
@@ -253,9 +249,6 @@ class TestLossy:
         assert segmentation.lossy
         assert (segmentation.tags[-1] == tag).all()
         assert segmentation.unknown_pixels == (10 if tag == 255 else 0)
-
-    def test_exact_png_is_not_lossy_even_with_option_nearest(self):
-        assert not read_segmentation(png(painted(STREET)), self.NEAREST).lossy
 
     @pytest.mark.parametrize("lossy", ["refuse", "nearest"])
     @pytest.mark.parametrize("write", [jpeg, png])
@@ -394,14 +387,9 @@ class TestTags:
 
         assert (segmentation.wh, segmentation.encoding) == ((8, 5), "raw")
         np.testing.assert_array_equal(segmentation.tags, STREET)
-
-    def test_given_tags_that_the_family_lacks_are_unknown(self):
-        segmentation = segmentation_from_tags(
-            np.full((2, 2), 23, np.uint8), "carla-0.9.10"
-        )
-
-        assert (segmentation.tags == 255).all()
-        assert segmentation.unknown_pixels == 4
+        lacking = segmentation_from_tags(np.full((2, 2), 23, np.uint8), "carla-0.9.10")
+        assert (lacking.tags == 255).all()
+        assert lacking.unknown_pixels == 4
 
     @pytest.mark.parametrize(
         "tags",
@@ -459,9 +447,6 @@ def test_tag_of_the_palette_that_has_no_name_beside_changed_ones_is_unknown():
 
     assert segmentation.unknown_pixels == 60
     assert (segmentation.tags[:2] == 255).all()
-
-
-def test_changed_tags_with_names_of_their_palette_keep_its_numbers():
     tags = {"40": "Pedestrian", "100": "Vehicle", "101": "Vehicle"}
     options = SegmentationOptions(palette="carla-0.9.10", tags=tags)
 
@@ -471,16 +456,13 @@ def test_changed_tags_with_names_of_their_palette_keep_its_numbers():
     assert (reading.tags == 10).sum() == np.isin(changed_street(), (100, 101)).sum()
 
 
-def test_changed_tags_prove_no_family():
+def test_changed_tags_prove_no_family_and_must_have_a_common_one():
     numbers = changed_street()
     numbers[numbers == 100] = 25
     options = SegmentationOptions(tags={"25": "Car", "40": "Walker", "101": "Truck"})
 
     with pytest.raises(SegmentationError, match="do not tell their family"):
         read_segmentation(png(numbers), options)
-
-
-def test_changed_tags_of_no_common_family_are_refused():
     options = SegmentationOptions(
         palette="carla-0.9.10", tags={"40": "Vehicle", "100": "Car", "101": "Truck"}
     )

@@ -40,7 +40,7 @@ def test_colour_unique_to_one_family_determines_the_family(color, family):
     assert recognise(street(color), NamedReading()).family == family
 
 
-def test_families_with_equal_names_for_the_colours_are_not_rivals():
+def test_families_are_rivals_only_if_they_name_a_colour_differently():
     reading = recognise(street(), NamedReading())
 
     assert (reading.family, reading.rivals) == ("carla-0.9.14", ())
@@ -48,9 +48,6 @@ def test_families_with_equal_names_for_the_colours_are_not_rivals():
         "read as carla-0.9.14; carla-0.9.10 and carla-0.9.0 would mean the same by "
         "the colours that occur",
     )
-
-
-def test_families_that_name_a_colour_differently_are_rivals_and_are_noted():
     reading = recognise(street(SKY, CAR_OR_VEHICLE), NamedReading())
 
     assert (reading.family, reading.rivals) == ("carla-0.9.14", ("carla-0.9.10",))
@@ -132,16 +129,13 @@ def test_named_family_or_order_that_contradicts_colours_is_refused(
     assert caught.value.kind == "segmentation_contradiction"
 
 
-def test_swapped_sky_is_not_taken_for_rock_nor_rock_for_swapped_sky():
+def test_channel_order_is_told_by_sky_and_rock_or_is_rgb_with_a_note():
     swapped = recognise(street(SKY, CAR_OR_VEHICLE, order="bgr"), NamedReading())
     rock = recognise(street(SKY, ROCK, CAR_OR_VEHICLE), NamedReading())
 
     assert swapped.order == "bgr"
     assert swapped.notes[-1] == "red and blue are swapped in the file; read as bgr"
     assert (rock.family, rock.order) == ("carla-0.9.14", "rgb")
-
-
-def test_undetermined_channel_order_is_read_as_rgb_with_a_note():
     greys = [(0, 0, 0), (70, 70, 70), SKY]
 
     reading = recognise([CODE_OF[packed(color)] for color in greys], NamedReading())

@@ -10,7 +10,7 @@ from tests.support.pictures import FAMILY, painted, png, tag_image
 STREET = tag_image("sss", ".cc", "tt.")
 
 
-def test_agreeing_option_sources_are_merged():
+def test_agreeing_option_sources_are_merged_and_contradicting_ones_named():
     joined = SegmentationOptions.agreed(
         {
             "the dataset": SegmentationOptions(palette=FAMILY),
@@ -21,9 +21,6 @@ def test_agreeing_option_sources_are_merged():
 
     assert (joined.palette, joined.lossy) == (FAMILY, "nearest")
     assert (joined.channel_order, joined.carla_version) == ("auto", "0.9.15")
-
-
-def test_contradicting_option_sources_raise_error_naming_both():
     layers = {
         "the dataset": SegmentationOptions(channel_order="rgb"),
         "the config": SegmentationOptions(channel_order="bgr"),

@@ -50,7 +50,7 @@ def test_two_wheeler_without_width_is_repaired_or_omitted(kind):
     assert checked_vehicle(CAR, kind, repair=True) is CAR
 
 
-def test_walker_capsule_is_flagged_and_widened_sideways():
+def test_only_a_walker_capsule_is_flagged_and_widened_sideways():
     capsule = LocalBox(ORIGIN, (0.188, 0.188, 0.93))
 
     box = checked_walker(capsule, 0.15)
@@ -61,9 +61,6 @@ def test_walker_capsule_is_flagged_and_widened_sideways():
     unwidened = checked_walker(capsule, 0)
     assert unwidened is not None
     assert (unwidened.flags, unwidened.extent) == (("capsule",), capsule.extent)
-
-
-def test_walker_box_that_is_not_a_capsule_is_unchanged():
     own = LocalBox((0.0, 0.05, 0.0), (0.3, 0.25, 0.9))
 
     assert checked_walker(own, 0.15) is own

@@ -83,6 +83,16 @@ def test_seven_carlasimu_files_are_converted_to_one_scenario(folder):
     assert (boxes.min_distance, boxes.max_distance) == (0, 200)
     assert boxes.traffic_lights
     assert scenario.classes == {"vehicle.carlamotors.carlacola": "lorry"}
+    lines = scenario_text(converted, notes).splitlines()
+    comments = "\n".join(line for line in lines if line.startswith("#"))
+    for words in ("thresholds", "color_segmentation.yaml"):
+        assert words in comments
+    assert "keys that are not used: wait_for_tick" in comments
+    # `safe` leaves out the two blueprints that its code does.
+    write_config_file(folder, "data.yaml", {**FILES["data.yaml"], "safe": True})
+    safe, _ = convert_carlasimu(folder)
+    vehicles = parse_scenario(safe, "x").vehicles
+    assert (vehicles.exclude, vehicles.safe) == (("*carlacola", "*firetruck"), False)
 
 
 def test_converted_sensors_keep_attributes_and_mounts(folder):
@@ -139,15 +149,6 @@ def test_few_aliases_are_read(tmp_path):
     assert converted["camera"] == {"fov": 100.0}
 
 
-def test_unconverted_settings_are_listed_in_yaml_comments(folder):
-    text = scenario_text(*convert_carlasimu(folder))
-
-    comments = [line for line in text.splitlines() if line.startswith("#")]
-    assert any("thresholds" in line for line in comments)
-    assert any("color_segmentation.yaml" in line for line in comments)
-    assert any("keys that are not used: wait_for_tick" in line for line in comments)
-
-
 NO_SEGMENTATION = {"image_segmentation": {"save_to_file": False}}
 OTHER_CAMERA = {"rgb_camera": CAMERA, "depth_camera": {**CAMERA, "fov": 60}}
 UNUSED = {"cam_rgb": {"3D": False, "save_dir": "x"}, "lidar_sensor": {"save_dir": "y"}}
@@ -183,15 +184,15 @@ def test_empty_values_leave_what_the_simulator_has(tmp_path):
     assert converted["weather"] == {"parameters": {"fog_density": 3.0}}
     assert converted["camera"] == {"fov": 80}
     assert converted["sensors"] == {"rgb": {"attributes": {}}}
+    sensors = {"rgb_camera": None, "radar_sensor": {"fov": 30}}
+    write_config_file(tmp_path, "sensors.yaml", sensors)
 
+    converted, _ = convert_carlasimu(tmp_path)
+    scenario = parse_scenario(converted, "x")
 
-def test_safe_leaves_out_the_two_blueprints_that_its_code_does(folder):
-    write_config_file(folder, "data.yaml", {**FILES["data.yaml"], "safe": True})
-
-    converted, _ = convert_carlasimu(folder)
-    vehicles = parse_scenario(converted, "x").vehicles
-
-    assert (vehicles.exclude, vehicles.safe) == (("*carlacola", "*firetruck"), False)
+    assert scenario.camera.width == 1280
+    assert scenario.sensors.radar is not None
+    assert scenario.sensors.radar.attributes == {"fov": 30}
 
 
 WRONG = [
@@ -238,18 +239,6 @@ def test_invalid_setting_raises_scenario_error_that_names_it(
 
     with pytest.raises(ScenarioError, match=f"(?i){words}"):
         convert_carlasimu(tmp_path)
-
-
-def test_attributes_of_sensors_are_optional_and_their_own(tmp_path):
-    sensors = {"rgb_camera": None, "radar_sensor": {"fov": 30}}
-    write_config_file(tmp_path, "sensors.yaml", sensors)
-
-    converted, _ = convert_carlasimu(tmp_path)
-    scenario = parse_scenario(converted, "x")
-
-    assert scenario.camera.width == 1280
-    assert scenario.sensors.radar is not None
-    assert scenario.sensors.radar.attributes == {"fov": 30}
 
 
 def test_truth_values_in_words_are_read_as_the_scenario_reads_them(tmp_path):

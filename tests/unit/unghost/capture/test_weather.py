@@ -24,9 +24,6 @@ def test_weather_presets_alternate_every_frames_per_preset():
     turns = [preset_of(weather, index) for index in range(6)]
 
     assert turns == ["WetNoon"] * 2 + ["ClearNoon"] * 2 + ["WetNoon"] * 2
-
-
-def test_weather_without_settings_has_no_preset():
     assert not Weather().is_given
     assert preset_of(Weather(), 3) is None
     assert Weather(parameters={"wetness": 0}).is_given

@@ -118,13 +118,10 @@ def test_message_of_a_refused_request_has_its_faults(changed, lines):
     assert list(error_lines(errors.Invalid(422, {**PROBLEM, **changed}))) == lines
 
 
-def test_message_about_a_refused_token_says_where_tokens_come_from():
+def test_message_has_the_origins_of_tokens_or_the_id_of_a_failed_request():
     *_, hint = error_lines(errors.Unauthorized(401, PROBLEM))
 
     assert "--token, UNGHOST_TOKEN, `unghost auth login`, or the data" in hint
-
-
-def test_message_of_server_error_has_the_request_id():
     assert "r1" in list(error_lines(errors.ServerFault(500, PROBLEM)))[-1]
 
 

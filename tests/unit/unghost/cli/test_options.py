@@ -105,12 +105,6 @@ def test_help_and_remote_commands_do_not_load_heavy_modules(tmp_path):
     assert loaded == {words: set() for words in QUICK}
 
 
-def test_only_given_segmentation_options_are_passed_on():
-    options = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
-
-    assert options.reading == {"palette": "carla-0.9.14"}
-
-
 def test_class_names_and_class_maps_are_separated_by_commas(tmp_path):
     options = SourceOptions(
         classes="car, traffic light", class_map=["Car=car, Misc=pass", "a=b=van"]
@@ -121,6 +115,9 @@ def test_class_names_and_class_maps_are_separated_by_commas(tmp_path):
     assert description.classes == ("car", "traffic light")
     assert description.class_map == {"Car": "car", "Misc": "pass", "a=b": "van"}
     assert SourceOptions().describe(tmp_path).changed == {}
+    options = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
+
+    assert options.reading == {"palette": "carla-0.9.14"}
 
 
 @pytest.mark.parametrize(

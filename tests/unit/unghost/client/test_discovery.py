@@ -40,6 +40,11 @@ def test_default_is_localhost_without_token(home):
     server = find_server(environ=env_of(home))
 
     assert (server.url, server.token) == (LOCAL, None)
+    file = note_path(LOCAL, env_of(home))
+    file.parent.mkdir(parents=True)
+    file.write_text("{half a no")
+
+    assert find_server(environ=env_of(home)).token is None
 
 
 def test_arguments_override_environment_variables(home):
@@ -69,6 +74,10 @@ def test_note_applies_only_to_its_host_and_port(home):
 
     assert find_server("http://127.0.0.1:9000", environ=env_of(home)).token == "noted"
     assert find_server("http://127.0.0.1:9001", environ=env_of(home)).token is None
+    environ = env_of(home, XDG_STATE_HOME=str(home / "state"))
+
+    expected = home / "state" / "unghost" / "servers" / "127.0.0.1_8000.json"
+    assert note_path(LOCAL, environ) == expected
 
 
 @pytest.mark.parametrize(
@@ -100,21 +109,6 @@ def test_local_token_is_used_for_loopback_addresses_only(home, host, token):
     write_token(home / "unghost-data", "guess")
 
     assert find_server(f"http://{host}:8000", environ=env_of(home)).token == token
-
-
-def test_unreadable_note_is_ignored(home):
-    file = note_path(LOCAL, env_of(home))
-    file.parent.mkdir(parents=True)
-    file.write_text("{half a no")
-
-    assert find_server(environ=env_of(home)).token is None
-
-
-def test_note_path_follows_xdg_state_home(home):
-    environ = env_of(home, XDG_STATE_HOME=str(home / "state"))
-
-    expected = home / "state" / "unghost" / "servers" / "127.0.0.1_8000.json"
-    assert note_path(LOCAL, environ) == expected
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:8000", "ftp://a", "http://", "http://a:x"])

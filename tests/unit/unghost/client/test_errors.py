@@ -39,9 +39,10 @@ def test_each_http_status_raises_its_exception(scripted, client, status, kind):
     assert type(error) is kind
     assert (error.status, error.code, error.request_id) == (status, "some_code", "r1")
     assert str(error) == error.detail == "it is some_code"
+    assert "secret" not in repr(client)
 
 
-def test_exception_lists_the_faults_of_the_request(scripted, client):
+def test_exception_has_the_faults_of_the_request_or_the_decision(scripted, client):
     faults = [{"pointer": "/boxes/3/xyxy", "code": "not_finite", "detail": "is NaN"}]
     scripted.answer(problem(422, "bad_annotation", errors=faults))
 
@@ -51,16 +52,13 @@ def test_exception_lists_the_faults_of_the_request(scripted, client):
     (fault,) = caught.value.errors
     assert fault == unghost.Fault(**faults[0])
     assert str(fault) == "/boxes/3/xyxy: is NaN"
-
-
-def test_stale_review_error_has_the_current_decision(scripted, client):
     scripted.answer(problem(412, "stale_review", current={"id": "7", "box_id": 3}))
 
-    with pytest.raises(unghost.Conflict) as caught:
+    with pytest.raises(unghost.Conflict) as refused:
         client.review(3, "keep", seen_revision=0)
 
-    assert isinstance(caught.value, unghost.StaleReview)
-    assert caught.value.current == {"id": "7", "box_id": 3}
+    assert isinstance(refused.value, unghost.StaleReview)
+    assert refused.value.current == {"id": "7", "box_id": 3}
 
 
 @pytest.mark.parametrize(
@@ -81,10 +79,6 @@ def test_response_that_is_not_from_unghost_raises_unexpected_answer(
 
     with pytest.raises(unghost.UnexpectedAnswer, match=scripted.url):
         client.version()
-
-
-def test_client_repr_does_not_contain_the_token(client):
-    assert "secret" not in repr(client)
 
 
 @pytest.mark.parametrize("status", [200, 403])

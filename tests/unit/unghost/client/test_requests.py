@@ -281,22 +281,16 @@ def test_result_is_the_answer_that_the_openapi_document_describes(name):
     assert {READ_FROM.get(kind, kind) for kind in kinds} == described_kinds
 
 
-def test_deletion_of_a_dataset_is_confirmed_by_its_name():
-    assert CLIENT.delete_dataset("town").params == {"confirm": "town"}
-
-
-def test_config_of_text_is_sent_as_yaml():
+def test_config_may_be_yaml_or_a_path_and_a_deletion_is_confirmed(tmp_path):
     call = CLIENT.add_config("town", "min_visible_pixels: 9")
 
     assert (call.content, call.json) == (b"min_visible_pixels: 9", None)
     assert call.headers == {"Content-Type": "application/yaml"}
-
-
-def test_text_with_the_ending_of_a_file_is_its_path(tmp_path):
     file = tmp_path / "filter.yaml"
     file.write_text("threshold_small_box: 8\n")
 
     assert CLIENT.set_config("town", str(file)).content == file.read_bytes()
+    assert CLIENT.delete_dataset("town").params == {"confirm": "town"}
 
 
 @pytest.mark.parametrize(

@@ -128,9 +128,11 @@ def test_push_survives_a_busy_or_restarted_server(batches, client, dropped):
 def test_push_to_server_without_batches_sends_single_frames(batches, client):
     batches.replies = [BatchReply(refusal=(404, "not_found", {}))] * 2
 
-    outcomes = list(client.push("town", [outgoing_frame("a b"), outgoing_frame("c")]))
+    frames = [outgoing_frame(key) for key in ("a b", "../a", "c")]
+    outcomes = outcomes_by_key(client.push("town", frames))
 
-    assert outcomes_by_key(outcomes) == {"a b": "stored", "c": "stored"}
+    # A frame whose key is no address is refused alone.
+    assert outcomes == {"a b": "stored", "../a": "refused", "c": "stored"}
     assert batches.put == [
         "/api/v1/datasets/town/frames/a%20b",
         "/api/v1/datasets/town/frames/c",
@@ -283,19 +285,8 @@ def test_frame_whose_annotation_is_no_json_is_refused_alone(batches, client):
     )
 
 
-def test_single_frame_whose_key_is_no_address_is_refused_alone(batches, client):
-    batches.replies = [BatchReply(refusal=(404, "not_found", {}))]
-
-    outcomes = client.push("town", [outgoing_frame("../a"), *many(1)])
-
-    assert outcomes_by_key(outcomes) == {"../a": "refused", "0": "stored"}
-
-
-def test_annotation_that_is_no_mapping_raises_type_error_with_the_key():
-    with pytest.raises(TypeError, match="frame 'a': expected a mapping as annotation"):
-        OutgoingFrame("a", cast("dict[str, object]", [BOX]))
-
-
-def test_put_frame_with_unknown_file_kind_raises_type_error(client):
+def test_unknown_file_kind_or_annotation_that_is_no_mapping_raises_type_error(client):
     with pytest.raises(TypeError, match="'seg' is not a file of a frame"):
         client.put_frame("town", "a", {"boxes": []}, seg=b"")
+    with pytest.raises(TypeError, match="frame 'a': expected a mapping as annotation"):
+        OutgoingFrame("a", cast("dict[str, object]", [BOX]))

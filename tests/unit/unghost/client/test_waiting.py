@@ -41,47 +41,41 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
     )
 
 
-@pytest.mark.parametrize(
-    ("response", "words"),
-    [
-        (json_reply({**EXPORT, "state": "cancelled"}), "was cancelled; the same"),
-        (problem(409, "export_over"), "had ended already; the same"),
-        (problem(403, "forbidden"), "and continues on the server; the same"),
-    ],
-)
-def test_interrupting_wait_for_export_cancels_it_with_a_message(
-    scripted, client, response, words
-):
-    told = json.dumps({**EXPORT, "state": "running"})
-    events = f"event: progress\nid: 1\ndata: {told}\n\n"
-    scripted.answer(Reply(body=events.encode()), response)
-
-    with pytest.raises(
-        KeyboardInterrupt, match=f"export 4 .*{words} command creates another"
-    ):
-        wait_for_export(client, Export.read(EXPORT), InterruptingScreen())
-
-    assert scripted.received_requests[-1].path == "/api/v1/exports/4/cancel"
+CANCELLED = {"state": "cancelled"}
+AGAIN = "the same command creates another"
+WAIT = {
+    "export": lambda client, screen: wait_for_export(
+        client, Export.read(EXPORT), screen
+    ),
+    "run": lambda client, screen: wait_for_run(
+        client, Run.read(RUN), screen, cancel=True
+    ),
+}
 
 
 @pytest.mark.parametrize(
-    ("response", "words"),
+    ("kind", "response", "words"),
     [
-        (json_reply({**RUN, "state": "cancelled"}), "run 21 was cancelled"),
-        (problem(409, "run_over"), "run 21 had ended already"),
-        (problem(403, "forbidden"), "could not be cancelled and continues on the"),
+        ("export", json_reply(EXPORT | CANCELLED), f"was cancelled; {AGAIN}"),
+        ("export", problem(409, "export_over"), f"had ended already; {AGAIN}"),
+        ("export", problem(403, "no"), f"and continues on the server; {AGAIN}"),
+        ("run", json_reply(RUN | CANCELLED), "was cancelled"),
+        ("run", problem(409, "run_over"), "had ended already"),
+        ("run", problem(403, "no"), "could not be cancelled and continues on the"),
     ],
 )
-def test_interrupting_wait_for_run_with_cancel_says_what_became_of_it(
-    scripted, client, response, words
+def test_interrupting_a_wait_cancels_and_says_what_became_of_it(
+    scripted, client, kind, response, words
 ):
-    events = f"event: progress\nid: 1\ndata: {json.dumps(RUN)}\n\n"
+    job = {**EXPORT, "state": "running"} if kind == "export" else RUN
+    events = f"event: progress\nid: 1\ndata: {json.dumps(job)}\n\n"
     scripted.answer(Reply(body=events.encode()), response)
 
-    with pytest.raises(KeyboardInterrupt, match=words):
-        wait_for_run(client, Run.read(RUN), InterruptingScreen(), cancel=True)
+    with pytest.raises(KeyboardInterrupt, match=f"{kind} {job['id']} .*{words}"):
+        WAIT[kind](client, InterruptingScreen())
 
-    assert scripted.received_requests[-1].path == "/api/v1/runs/21/cancel"
+    path = f"/api/v1/{kind}s/{job['id']}/cancel"
+    assert scripted.received_requests[-1].path == path
 
 
 def test_waiting_survives_a_server_restart(scripted, client):

@@ -75,12 +75,9 @@ def test_allowed_values_equal_those_of_database_constraints(table, column, taken
     assert re.findall(r"'(\w+)'", checks[column]) == list(taken)
 
 
-@pytest.mark.parametrize("limit", ["MAX_BAND", "MAX_BANDS", "MAX_PICTURES"])
-def test_limits_of_exports_equal_those_of_the_library(limit):
-    assert getattr(runs, limit) == getattr(export, limit)
-
-
-def test_reason_labels_equal_the_type_hint():
+def test_reason_labels_and_limits_of_exports_equal_those_of_the_library():
     assert {reason.label for reason in Reason} == {*get_args(ReasonLabel)}
     for label in get_args(ReasonLabel):
         assert Reason[label.upper()] in Reason.with_label(label)
+    for limit in ("MAX_BAND", "MAX_BANDS", "MAX_PICTURES"):
+        assert getattr(runs, limit) == getattr(export, limit)

@@ -1,11 +1,13 @@
-"""The page that `unghost inspect --html` writes, opened from the disk."""
+"""The pages of `unghost inspect --html` and `unghost draw`, opened from the disk."""
 
 import pytest
 import typer
 from playwright.sync_api import expect
 
 from tests.support.folders import mixed_recording
+from tests.support.frames import write_manifest
 from tests.support.page.windows import OVERFLOW
+from unghost.cli.local.draw import DrawOptions, draw
 from unghost.cli.local.inspect import InspectOptions, inspect
 
 pytestmark = pytest.mark.browser
@@ -40,8 +42,15 @@ def address(tmp_path_factory):
     return page.as_uri()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1440])
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        (390, "light"),
+        (1440, "dark"),
+        pytest.param(390, "dark", marks=pytest.mark.long),
+        pytest.param(1440, "light", marks=pytest.mark.long),
+    ],
+)
 def test_page_shows_a_recording_without_loading_anything(
     browser, address, scheme, width
 ):
@@ -75,3 +84,20 @@ def test_page_shows_a_recording_without_loading_anything(
     assert [url for url in requests if not url.startswith("data:")] == [address]
     assert faults == []
     context.close()
+
+
+def test_slider_moves_the_line_between_before_and_after(browser, tmp_path):
+    source = write_manifest(tmp_path / "frames", 2)
+    draw(DrawOptions(source=source, output=tmp_path / "out"))
+    page = browser.new_page(viewport={"width": 900, "height": 700})
+    page.goto((tmp_path / "out/index.html").as_uri())
+    slider, after = page.get_by_role("slider").first, page.locator(".after").first
+    expect(after).to_have_css("clip-path", "inset(0px 0px 0px 50%)")
+
+    slider.press("End")
+
+    expect(after).to_have_css("clip-path", "inset(0px 0px 0px 0%)")
+    expect(page.locator(".after").nth(1)).to_have_css(
+        "clip-path", "inset(0px 0px 0px 50%)"
+    )
+    page.close()
