@@ -143,17 +143,21 @@ def test_frame_without_a_key_gets_its_file_name_as_key(api):
     assert statuses == [("town/7", 201)]
 
 
-def test_frame_with_a_new_class_does_not_fail_others_of_its_batch(api):
-    dataset = api.dataset()
+def test_frame_with_a_new_class_is_refused_alone_when_classes_are_frozen(api):
+    dataset = api.dataset(classes=["car"])
     batch_results(send(api, dataset, tar_archive(frame("a"))))
     assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
     dragon = [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]
 
     response = send(api, dataset, tar_archive(frame("b", boxes=dragon) + frame("c")))
+    described = api.json(f"/datasets/{dataset}")
 
     refused, stored, _ = lines_of(response.text)
     assert (refused["status"], refused["problem"]["code"]) == (422, "unknown_class")
+    assert "'dragon'" in refused["problem"]["detail"]
     assert stored["status"] == 201
+    assert (described["classes_frozen"], described["classes"]) == (True, ["car"])
+    assert described["counts"]["problems"] == 1
 
 
 def test_frames_of_a_batch_that_add_too_many_classes_do_not_fail_the_others(api):
