@@ -182,23 +182,18 @@ def test_data_folder_of_a_killed_server_can_be_served_at_once(data_dir):
             wait_until_ready(second.url)
 
 
-def test_invalid_setting_is_named_without_its_value(tmp_path):
-    log = tmp_path / "log"
-
-    code = exit_code_of_failed_start(tmp_path / "data", log, UNGHOST_PORT="many")
-
-    assert code == 2
-    assert log.read_text().startswith("UNGHOST_PORT: ")
-    assert "many" not in log.read_text()
-
-
-def test_data_folder_that_is_a_file_fails_with_a_one_line_message(tmp_path):
+def test_invalid_setting_or_a_data_folder_that_is_a_file_fails_with_one_line(tmp_path):
+    setting, log = tmp_path / "setting", tmp_path / "log"
     (tmp_path / "data").write_text("not a folder")
-    log = tmp_path / "log"
 
-    code = exit_code_of_failed_start(tmp_path / "data", log)
+    codes = [
+        exit_code_of_failed_start(tmp_path / "new", setting, UNGHOST_PORT="many"),
+        exit_code_of_failed_start(tmp_path / "data", log),
+    ]
 
-    assert code == 1
+    assert codes == [2, 1]
+    assert setting.read_text().startswith("UNGHOST_PORT: ")
+    assert "many" not in setting.read_text()
     assert "File exists" in log.read_text()
     assert len(log.read_text().splitlines()) == 1
 
