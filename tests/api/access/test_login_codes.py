@@ -68,7 +68,7 @@ def test_login_code_expires_after_ten_minutes(service, admin, anonymous):
     assert "`unghost login` prints a new one" in response.json()["detail"]
 
 
-def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous):
+def test_login_code_of_a_revoked_token_is_unauthorised(admin, anonymous):
     token = admin.post("/api/v1/tokens", json={"name": "leaver"}).json()
     bearer = {"Authorization": f"Bearer {token['token']}"}
     code = anonymous.post("/api/v1/login-codes", headers=bearer).json()["code"]
@@ -79,22 +79,18 @@ def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous
     assert response.status_code == 401
 
 
-def test_session_makes_no_login_code(service, anonymous):
-    """It would open another session, which the end of the first one does not end."""
+def test_login_code_needs_the_token_itself_and_login_one_of_both(service, anonymous):
+    """A session would open another session, which the end of it does not end."""
     session = log_in(service, anonymous)
 
-    response = anonymous.post("/api/v1/login-codes", headers=session)
+    made = anonymous.post("/api/v1/login-codes", headers=session)
 
-    assert response.status_code == 403
-    assert "a login code needs the token itself" in response.json()["detail"]
-
-
-@pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
-def test_login_with_neither_or_both_of_token_and_code_is_refused(anonymous, body):
-    response = anonymous.post("/api/v1/session", json=body)
-
-    assert response.status_code == 422
-    assert "expected either token or code" in response.json()["detail"]
+    assert made.status_code == 403
+    assert "a login code needs the token itself" in made.json()["detail"]
+    for body in ({}, {"token": "ug_x", "code": "uc_x"}):
+        response = anonymous.post("/api/v1/session", json=body)
+        assert response.status_code == 422
+        assert "expected either token or code" in response.json()["detail"]
 
 
 def test_login_codes_and_logins_are_audited(service, admin, anonymous):
