@@ -15,6 +15,33 @@ KEYS = {
 }
 
 
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("GET", "/probe/raise/bad-request", 400, "bad_request"),
+        ("GET", "/probe/items/1?nonsense=1", 400, "unknown_parameter"),
+        ("GET", "/no-such-page", 404, "not_found"),
+        ("GET", "/api/v1/no-such-resource", 404, "not_found"),
+        ("GET", "/healthz/", 404, "not_found"),
+        *(("GET", f"/{name}", 404, "not_found") for name in ("blobs", "data", "token")),
+        ("GET", "/unghost.db", 404, "not_found"),
+        ("GET", "/static/no-such-file.js", 404, "not_found"),
+        ("GET", "/probe/raise/missing", 404, "not_found"),
+        ("PATCH", "/healthz", 405, "method_not_allowed"),
+        ("GET", "/probe/raise/conflict", 409, "frame_conflict"),
+        ("GET", "/probe/raise/stale", 412, "stale_review"),
+        ("GET", "/probe/raise/range", 416, "range_not_satisfiable"),
+        ("GET", "/probe/items/none", 422, "invalid_request"),
+        ("GET", "/probe/items/99999999999999999999", 422, "invalid_request"),
+        ("GET", "/probe/raise/filter", 422, "bad_annotation"),
+        ("GET", "/probe/raise/quota", 429, "too_many_requests"),
+        ("GET", "/probe/raise/internal", 500, "internal"),
+        ("GET", "/probe/raise/busy", 503, "database_busy"),
+        ("GET", "/probe/raise/full", 503, "storage_full"),
+        ("GET", "/probe/raise/many-files", 503, "not_ready"),
+        ("GET", "/probe/raise/away", 503, "not_ready"),
+    ],
+)
 def test_an_error_is_a_problem_document(admin, method, path, status, code):
     response = admin.request(method, path)
 
