@@ -34,5 +34,5 @@ def test_missing_answer_is_404_and_an_impossible_revision_422(api, ghosts):
         assert missing.status_code == 404
         words = f"answer on box {ghosts[0]} with revision {revision}"
         assert words in missing.text
-    for revision in ("0", "2147483648", "4294967296", "x"):
-        assert undo(api, ghosts[0], revision).status_code == 422, revision
+    for impossible in ("0", "2147483648", "4294967296", "x"):
+        assert undo(api, ghosts[0], impossible).status_code == 422, impossible
