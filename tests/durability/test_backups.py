@@ -109,6 +109,7 @@ def test_existing_backup_is_not_overwritten_and_failed_one_is_cleaned_up(
     kept = tmp_path / "kept"
     damaged = blobs(filled)[0]
     damaged.write_bytes(b"")
+    (tmp_path / ".kept.partial" / "kept").mkdir(parents=True)  # of a killed process
 
     with pytest.raises(CannotMaintain, match=damaged.name):
         backed_up(filled, kept)
@@ -120,14 +121,6 @@ def test_existing_backup_is_not_overwritten_and_failed_one_is_cleaned_up(
     label, _ = restored(kept, tmp_path / "again")
     assert label.left_out == (damaged.name,)
     assert [path.name for path in tmp_path.glob(".kept*")] == []
-
-
-def test_partial_backup_of_a_killed_process_does_not_block_the_next(filled, tmp_path):
-    (tmp_path / ".kept.partial" / "kept").mkdir(parents=True)
-
-    backed_up(filled, tmp_path / "kept")
-
-    assert not (tmp_path / ".kept.partial").exists()
 
 
 def test_second_concurrent_backup_is_refused(filled, tmp_path):
@@ -340,23 +333,18 @@ def test_backup_whose_database_computes_its_files_is_not_restored(
 
 
 def test_backup_that_is_larger_than_the_free_space_is_not_unpacked(filled, tmp_path):
+    again, everything = tmp_path / "again", shutil.disk_usage(tmp_path).total
     kept = backed_up(filled, tmp_path / "kept.tar")
-    needed = 2 * shutil.disk_usage(tmp_path).free
-    os.truncate(kept, needed)  # zeros after the end of an archive are ignored
-
-    with pytest.raises(CannotMaintain, match=f"needs {needed} bytes, and .* are free"):
-        restored(kept, tmp_path / "again")
-
-    assert list((tmp_path / "again").iterdir()) == []
-
-
-def test_restore_leaves_min_free_bytes_free(filled, tmp_path):
-    kept = backed_up(filled, tmp_path / "kept")
-    everything = shutil.disk_usage(tmp_path).total
-    settings = Settings(data=tmp_path / "again", min_free_bytes=everything)
-
+    settings = Settings(data=again, min_free_bytes=everything)
     with pytest.raises(CannotMaintain, match=f"{everything} have to stay free"):
         restore(settings, kept, silently)
+
+    needed = 2 * shutil.disk_usage(tmp_path).free
+    os.truncate(kept, needed)  # zeros after the end of an archive are ignored
+    with pytest.raises(CannotMaintain, match=f"needs {needed} bytes, and .* are free"):
+        restored(kept, again)
+
+    assert list(again.iterdir()) == []
 
 
 def test_restore_into_a_folder_that_is_not_empty_is_refused(filled, unghost, tmp_path):

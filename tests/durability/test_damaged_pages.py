@@ -32,11 +32,6 @@ def get_readyz(server):
     return plain_http.get(f"{server.url}/readyz", timeout=60)
 
 
-def wait_until_intact(server):
-    """Wait until all pages were checked, and the server is ready."""
-    until(lambda: get_readyz(server).json().get("checks", {}).get("pages") == "intact")
-
-
 def doctor(data):
     process = subprocess.run(
         [sys.executable, "-m", "unghost.cli", "doctor", "--json", "--data", str(data)],
@@ -54,12 +49,20 @@ def error_details(response):
     }
 
 
-def test_intact_pages_are_reported_by_readyz_and_the_log(filled):
-    with served(filled) as (server, _):
-        wait_until_intact(server)
+def test_damaged_page_read_by_a_request_returns_503_and_is_reported(filled):
+    with served(filled) as (server, api):
+        checks = lambda: get_readyz(server).json().get("checks", {})  # noqa: E731
+        until(lambda: checks().get("pages") == "intact")
         log = server.log.read_text("utf-8")
+        (dataset,) = api.json("/datasets")["items"]
+        damage_first_page(filled, "ix_decisions_by_crowding")
+        met = api.get("/boxes", dataset=dataset["name"], sort="crowding")
+        until(lambda: "pages" in error_details(get_readyz(server)))
+        response = get_readyz(server)
 
     assert "the pages of the database are intact" in log
+    assert (met.status_code, met.json()["code"]) == (503, "database_damaged")
+    assert "malformed" in error_details(response)["pages"]
 
 
 @pytest.mark.parametrize(
@@ -76,26 +79,12 @@ def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, name):
         log = server.log.read_text("utf-8")
 
     assert response.json()["code"] == "not_ready"
-    assert "the database is damaged: " in error_details(response)["pages"]
-    assert "table decisions or an index of it: " in error_details(response)["pages"]
-    assert "restore the last backup" in error_details(response)["pages"]
-    assert (
-        "`unghost doctor` on the server says more" in error_details(response)["pages"]
-    )
+    pages = error_details(response)["pages"]
+    assert "the database is damaged: " in pages
+    assert "table decisions or an index of it: " in pages
+    assert "restore the last backup" in pages
+    assert "`unghost doctor` on the server says more" in pages
     assert "the database is damaged: table decisions or an index of it: " in log
     examined = doctor(filled)
     assert "table decisions or an index of it: " in examined
     assert "table boxes" not in examined
-
-
-def test_damaged_page_read_by_a_request_returns_503_and_is_reported(filled):
-    with served(filled) as (server, api):
-        wait_until_intact(server)
-        (dataset,) = api.json("/datasets")["items"]
-        damage_first_page(filled, "ix_decisions_by_crowding")
-        met = api.get("/boxes", dataset=dataset["name"], sort="crowding")
-        until(lambda: "pages" in error_details(get_readyz(server)))
-        response = get_readyz(server)
-
-    assert (met.status_code, met.json()["code"]) == (503, "database_damaged")
-    assert "malformed" in error_details(response)["pages"]

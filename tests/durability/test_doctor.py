@@ -7,7 +7,6 @@ from contextlib import closing
 import pytest
 
 from app.maintenance.doctor import Severity
-from tests.support import frames as scene
 from tests.support.data_folders import blobs, doctor_findings, served
 from tests.support.databases import change, database_of, rows_of
 from tests.support.services import ServiceDataset, running_services
@@ -36,17 +35,8 @@ def test_doctor_reports_ok_and_changes_nothing_in_an_intact_folder(filled, ungho
     assert healthy.code == 0, healthy.out
     assert {finding["severity"] for finding in healthy.records} == {"ok"}
     assert [finding["check"] for finding in healthy.records] == [
-        "token",
-        "disk",
-        "database",
-        "schema",
-        "audit",
-        "answers",
-        "counts",
-        "files",
-        "exports",
-        "unused",
-        "leftovers",
+        *("token", "disk", "database", "schema", "audit", "answers", "counts"),
+        *("files", "exports", "unused", "leftovers"),
     ]
     assert file_times_and_sizes(filled) == before
 
@@ -107,42 +97,36 @@ def test_inconsistent_rows_or_wrong_schema_version_are_reported(
 
 
 @pytest.mark.sqlite_files("its file is damaged, missing or compared")
-def test_damaged_database_is_reported(filled):
+def test_damaged_or_missing_database_and_low_disk_space_are_reported(filled):
+    little = doctor_findings(filled, min_free_bytes=2**60)["disk"]
     with (filled / "unghost.db").open("r+b") as file:
         file.seek(4096 * 3)
         file.write(b"\xff" * 4096)
-
-    fault = doctor_findings(filled)["database"]
-
-    assert fault.severity is Severity.ERROR
-    assert "restore the last backup" in fault.todo
-
-
-@pytest.mark.sqlite_files("its file is damaged, missing or compared")
-def test_missing_database_is_reported_and_not_created(filled):
+    damaged = doctor_findings(filled)["database"]
     (filled / "unghost.db").unlink()
+    missing = doctor_findings(filled)["database"]
 
-    fault = doctor_findings(filled)["database"]
-
-    assert (fault.severity, fault.found) == (Severity.ERROR, "the database is missing")
+    assert little.severity is Severity.WARNING
+    assert damaged.severity is missing.severity is Severity.ERROR
+    assert "restore the last backup" in damaged.todo
+    assert missing.found == "the database is missing"
     assert not (filled / "unghost.db").exists()
 
 
-def test_low_free_disk_space_gives_a_warning(filled):
-    assert (
-        doctor_findings(filled, min_free_bytes=2**60)["disk"].severity
-        is Severity.WARNING
-    )
+def test_run_that_activates_counts_altered_tallies_again(tmp_path):
+    """The folder is examined while its server uses it."""
+    data = tmp_path / "data"
+    with served(data) as (_, api):
+        name = api.dataset_of_one_frame()
+        assert doctor_findings(data) == {}
+        change(data, "UPDATE tallies SET boxes = boxes + 1")
+        fault = doctor_findings(data)["counts"]
+        api.run(name, {})
 
-
-def test_doctor_examines_a_folder_while_a_server_uses_it(tmp_path):
-    with served(tmp_path / "data") as (_, api):
-        dataset = api.dataset()
-        api.upload_frame(
-            dataset, "f/0", image=scene.image(), segmentation=scene.segmentation()
-        )
-
-        assert doctor_findings(tmp_path / "data") == {}
+        assert fault.severity is Severity.WARNING
+        assert name in fault.examples[0]
+        assert "--activate" in fault.todo
+        assert doctor_findings(data) == {}
 
 
 @pytest.fixture
@@ -179,21 +163,6 @@ def test_removed_answers_and_altered_counts_are_reported(answered, statement, ch
     assert findings[check].count > 0
     assert findings[check].examples
     assert findings[check].todo
-
-
-def test_run_that_activates_counts_altered_tallies_again(tmp_path, unghost):
-    data = tmp_path / "data"
-    with served(data) as (_, api):
-        name = api.dataset()
-        api.upload_frame(name, "f/0")
-        change(data, "UPDATE tallies SET boxes = boxes + 1")
-        fault = doctor_findings(data)["counts"]
-        api.run(name, {})
-
-        assert fault.severity is Severity.WARNING
-        assert name in fault.examples[0]
-        assert "--activate" in fault.todo
-        assert doctor_findings(data) == {}
 
 
 def drop_audit_triggers(data):

@@ -70,7 +70,7 @@ def test_acknowledged_frames_survive_a_kill_of_client_or_server_during_push(
                 "push", "frames", "--dataset", dataset, "--json"
             )
             check_complete(client, dataset, again, (expected, stored))
-        check_database(push_folder)
+        assert problems_of(push_folder / "data") == []
 
 
 def push_and_kill(push_folder, dataset, victim, dice) -> list[str]:
@@ -163,7 +163,3 @@ def check_complete(client, dataset, again, before) -> None:
     assert (stats.frames, stats.kept, stats.rejected) == (FRAMES, FRAMES, FRAMES)
     assert known(client, dataset, list(expected)) == expected
     assert list(client.problems(dataset)) == []
-
-
-def check_database(push_folder: Path) -> None:
-    assert problems_of(push_folder / "data") == []

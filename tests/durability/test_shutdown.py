@@ -68,14 +68,6 @@ def multipart_body(**parts):
     return b"".join((*lines, f"--{BOUNDARY}--\r\n".encode()))
 
 
-def wait_until_batch_is_open(server, api):
-    """Wait until the server has begun the batch, and the upload sent before it."""
-    until(
-        lambda: "unghost_batches_open 1" in api.http.get("/metrics").text,
-        lambda: server.log.read_text("utf-8"),
-    )
-
-
 def terminate_and_wait_for_shutdown(server):
     """Send SIGTERM and wait until the server reports that it is shutting down."""
     server.process.send_signal(signal.SIGTERM)
@@ -105,7 +97,8 @@ def test_shutdown_finishes_open_requests_and_refuses_new_writes(start_api):
     members = [frame for n in range(3) for frame in archives.frame(str(n), number=n)]
     # The first member of a fourth frame shows that the third one is complete.
     batch.send(archives.tar_without_end([*members, archives.frame("3")[0]]))
-    wait_until_batch_is_open(server, api)
+    # Once the batch has begun, so has the upload that was sent before it.
+    until(lambda: "unghost_batches_open 1" in api.http.get("/metrics").text)
 
     terminate_and_wait_for_shutdown(server)
     late = api.put(name, "late")

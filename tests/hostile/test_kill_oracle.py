@@ -11,7 +11,6 @@ import random
 import threading
 import time
 from contextlib import ExitStack
-from typing import Any
 
 import pytest
 
@@ -126,7 +125,7 @@ def check_acknowledged_writes(api, write_record):
 
 
 def check_frames(api, write_record):
-    listed = list_all_pages(api, f"/datasets/{write_record.dataset}/frames")
+    listed = api.all_items(f"/datasets/{write_record.dataset}/frames")
     keys = [frame["key"] for frame in listed]
     ours = [key for key in keys if not key.startswith("first/")]
     assert len(set(keys)) == len(keys)
@@ -166,7 +165,7 @@ def check_answers(api, write_record):
     """Check that no acknowledged answer is lost, and no bulk answer stored in part."""
     more = {}
     for box_id, said in write_record.answers.items():
-        items = list_all_pages(api, f"/boxes/{box_id}/history")
+        items = api.all_items(f"/boxes/{box_id}/history")
         reviews = sorted(
             (entry["revision"], entry["verdict"])
             for entry in items
@@ -190,11 +189,11 @@ def check_answers(api, write_record):
 def check_jobs(api, write_record):
     """Check that acknowledged configurations and runs are there once, and runs end."""
     path = f"/datasets/{write_record.dataset}"
-    digests = [config["digest"] for config in list_all_pages(api, f"{path}/configs")]
+    digests = [config["digest"] for config in api.all_items(f"{path}/configs")]
     assert len(set(digests)) == len(digests)
     assert write_record.digests <= set(digests)
     assert len(digests) <= 1 + len(write_record.digests) + write_record.maybe_configs
-    runs = [run["id"] for run in list_all_pages(api, f"{path}/runs")]
+    runs = [run["id"] for run in api.all_items(f"{path}/runs")]
     assert len(set(runs)) == len(runs)
     assert write_record.runs <= set(runs)
     assert len(runs) <= 1 + len(write_record.runs) + write_record.maybe_runs
@@ -203,18 +202,6 @@ def check_jobs(api, write_record):
             events.read()
         run = api.json(f"/runs/{run_id}")
         assert (run["state"], run["error"]) == ("done", None)
-
-
-def list_all_pages(api, path):
-    """All items of a list, page by page."""
-    items: list[dict[str, Any]] = []
-    cursor = None
-    while True:
-        page = api.json(path, limit=1000, **({} if cursor is None else cursor))
-        items += page["items"]
-        if page["next_cursor"] is None:
-            return items
-        cursor = {"cursor": page["next_cursor"]}
 
 
 def check_database(folder):

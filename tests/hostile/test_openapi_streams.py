@@ -114,18 +114,15 @@ def test_batch_responses_match_the_openapi_document(
     assert check_response_is_documented(response, "POST", path).status_code == status
 
 
-@pytest.mark.parametrize("path", ["known-frames", "preview", "queue", "configs"])
-def test_post_with_an_invalid_idempotency_key_returns_400(api, path_values, path):
-    response = api.http.post(
-        f"{BASE}/datasets/{DATASET}/{path}",
-        json={"keys": [], "config": {}},
-        headers={"Idempotency-Key": "no spaces"},
-    )
-
-    assert (response.status_code, response.json()["code"]) == (
-        400,
-        "bad_idempotency_key",
-    )
+def test_post_with_an_invalid_idempotency_key_returns_400(api, path_values):
+    for path in ("known-frames", "preview", "queue", "configs"):
+        response = api.http.post(
+            f"{BASE}/datasets/{DATASET}/{path}",
+            json={"keys": [], "config": {}},
+            headers={"Idempotency-Key": "no spaces"},
+        )
+        refusal = (response.status_code, response.json()["code"])
+        assert refusal == (400, "bad_idempotency_key"), path
 
 
 def test_openapi_maximum_of_queue_seed_is_the_64_bit_maximum():

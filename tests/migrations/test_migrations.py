@@ -14,11 +14,11 @@ from sqlalchemy.orm import Session
 
 from app.db import tables
 from app.db.base import Base, utc_now
-from app.db.engine import make_engine
 from app.db.migrate import WouldLose, current_revision, head_revision, is_known, migrate
 from app.db.tables import access as access_tables
 from app.package import migrations_dir
 from filter_core.verdicts import Reason
+from tests.support.databases import give_tables, rows_of
 from tests.support.filled_database import contents, fill, revisions
 
 SCRIPTS = migrations_dir()
@@ -42,26 +42,19 @@ def add_dataset(session: Session, name: str) -> tables.Dataset:
     return dataset
 
 
-def object_filter_for(engine):
-    """A function that says whether an index belongs to this kind of database."""
-    here = engine.dialect.name
-    return lambda item, *_: getattr(item, "info", {}).get("only", here) == here
-
-
-def test_migrations_run_up_down_and_up_again(engine):
-    migrate(engine, SCRIPTS)
-    first = sorted(inspect(engine).get_table_names())
-    migrate(engine, SCRIPTS, "base")
-    emptied = inspect(engine).get_table_names()
-    migrate(engine, SCRIPTS)
+def test_migrations_run_up_down_and_up_again(migrated):
+    first = sorted(inspect(migrated).get_table_names())
+    migrate(migrated, SCRIPTS, "base")
+    emptied = inspect(migrated).get_table_names()
+    migrate(migrated, SCRIPTS)
 
     assert emptied == ["alembic_version"]
-    assert sorted(inspect(engine).get_table_names()) == first
+    assert sorted(inspect(migrated).get_table_names()) == first
     assert TOKENS in first
-    assert current_revision(engine) == head_revision(SCRIPTS)
+    assert current_revision(migrated) == head_revision(SCRIPTS)
 
 
-def test_migration_files_are_named_by_their_revisions(engine):
+def test_migration_files_are_named_by_their_revisions():
     """The names of their files say which revisions there are, without Alembic."""
     ids = revisions()
 
@@ -90,29 +83,49 @@ def test_current_schema_starts_without_importing_alembic(tmp_path):
     assert [loads_alembic(), loads_alembic()] == ["True", "False"]
 
 
-def test_models_match_the_migrated_schema(engine):
-    migrate(engine, SCRIPTS)
+def test_models_match_the_migrated_schema(migrated):
+    here = migrated.dialect.name
 
-    with engine.connect() as connection:
-        options = {"compare_type": True, "include_object": object_filter_for(engine)}
+    def is_of_this_kind(item, *_):
+        return getattr(item, "info", {}).get("only", here) == here
+
+    with migrated.connect() as connection:
+        options = {"compare_type": True, "include_object": is_of_this_kind}
         context = MigrationContext.configure(connection, opts=options)
         differences = compare_metadata(context, Base.metadata)
+    names = {
+        check["name"]
+        for table in ("runs", "exports", "decisions", "reviews")
+        for check in inspect(migrated).get_check_constraints(table)
+    }
 
     assert differences == []
+    assert {"ck_runs_state", "ck_exports_state", "ck_decisions_reason"} <= names
+    assert {"ck_decisions_review", "ck_reviews_verdict"} <= names
 
 
-def test_foreign_keys_are_enforced_and_deletes_cascade(engine):
-    migrate(engine, SCRIPTS)
-    with Session(engine) as session, session.begin():
+def test_foreign_keys_are_enforced_and_deletes_cascade(migrated):
+    """Downgrades that would lose datasets, or that find deleted ones, are refused."""
+    with Session(migrated) as session, session.begin():
         orphans = add_dataset(session, "parent").id + 1
 
-    with Session(engine) as session:
+    with Session(migrated) as session:
         session.add(tables.DatasetClass(dataset_id=orphans, position=0, name="car"))
         with pytest.raises(IntegrityError):
             session.flush()
-    with Session(engine) as session, session.begin():
+    with pytest.raises(WouldLose, match="rows of datasets"):
+        migrate(migrated, SCRIPTS, "base")
+    with Session(migrated) as session, session.begin():
+        (dataset,) = session.scalars(select(tables.Dataset))
+        assert dataset.name == "parent"
+        dataset.removed_at = utc_now()
+    with pytest.raises(RuntimeError, match="datasets that were deleted are not gone"):
+        migrate(migrated, SCRIPTS, "0007")
+    assert current_revision(migrated) == head_revision(SCRIPTS)
+
+    with Session(migrated) as session, session.begin():
         session.execute(text("DELETE FROM datasets"))
-    with Session(engine) as session:
+    with Session(migrated) as session:
         assert session.scalars(select(tables.DatasetClass.id)).all() == []
 
 
@@ -142,48 +155,33 @@ def test_frames_get_the_weather_and_boxes_the_distances_that_they_came_with(engi
         ).first() == ("WetNoon", 50, 100)
 
 
-def test_exports_keep_their_ids_through_downgrade_and_upgrade(engine):
-    migrate(engine, SCRIPTS)
-    with Session(engine) as session, session.begin():
+def test_exports_keep_their_ids_through_downgrade_and_upgrade(migrated):
+    with Session(migrated) as session, session.begin():
         dataset = add_dataset(session, "labelled").id
-    migrate(engine, SCRIPTS, "0002")
-    with Session(engine) as session, session.begin():
+    migrate(migrated, SCRIPTS, "0002")
+    with Session(migrated) as session, session.begin():
         for state in ("done", "cancelled"):
             session.execute(EXPORT, {"dataset": dataset, "state": state})
 
-    migrate(engine, SCRIPTS, "0001")
-    migrate(engine, SCRIPTS)
+    migrate(migrated, SCRIPTS, "0001")
+    migrate(migrated, SCRIPTS)
 
-    with Session(engine) as session:
+    with Session(migrated) as session:
         rows = session.execute(text("SELECT id, state, done FROM exports ORDER BY id"))
         assert [tuple(row) for row in rows] == [(1, "done", 0), (2, "failed", 0)]
 
 
-def test_check_constraints_have_descriptive_names(engine):
-    migrate(engine, SCRIPTS)
-
-    names = {
-        check["name"]
-        for table in ("runs", "exports", "decisions", "reviews")
-        for check in inspect(engine).get_check_constraints(table)
-    }
-
-    assert {"ck_runs_state", "ck_exports_state", "ck_decisions_reason"} <= names
-    assert {"ck_decisions_review", "ck_reviews_verdict"} <= names
-
-
-def test_every_reason_can_be_stored_and_is_named_in_the_view(engine):
-    migrate(engine, SCRIPTS)
-    fill(engine, revisions()[-1])
+def test_every_reason_can_be_stored_and_is_named_in_the_view(migrated):
+    fill(migrated, revisions()[-1])
     shown = {}
 
-    with engine.begin() as connection:
+    with migrated.begin() as connection:
         decided = connection.execute(text("SELECT min(box_id) FROM decisions"))
         values = {"box": decided.scalar_one()}
         for reason in Reason:
             connection.execute(DECIDE, values | {"reason": int(reason)})
             shown[reason] = connection.execute(NAMED, values).one()
-    with pytest.raises(IntegrityError), engine.begin() as connection:
+    with pytest.raises(IntegrityError), migrated.begin() as connection:
         connection.execute(DECIDE, values | {"reason": 1 + max(Reason)})
 
     assert shown == {reason: (reason.verdict.value, reason.label) for reason in Reason}
@@ -230,12 +228,14 @@ def test_boxes_of_unknown_classes_become_unmeasured_under_profile_paper(
     assert stored() == [[(int(Reason.DROPPED_CLASS), boxes)]] * 2
 
 
-def test_audit_log_rows_cannot_be_updated_or_deleted(engine):
-    migrate(engine, SCRIPTS)
+def note_token(engine):
     entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
     with Session(engine) as session, session.begin():
         session.add(access_tables.AuditEntry(**entry, details={}))
 
+
+def check_audit_log_is_append_only(engine):
+    """The one entry of the log can be neither changed nor deleted."""
     with Session(engine) as session:
         for change in (
             "UPDATE audit_log SET actor = 'nobody'",
@@ -245,25 +245,23 @@ def test_audit_log_rows_cannot_be_updated_or_deleted(engine):
                 session.execute(text(change))
             session.rollback()
         (left,) = session.scalars(select(access_tables.AuditEntry))
+    assert (left.actor, left.subject, left.token_id) == ("ada", "bob", None)
 
-    assert (left.actor, left.token_id) == ("ada", None)
 
-
-def test_downgrade_that_would_empty_the_audit_log_is_refused(engine):
-    migrate(engine, SCRIPTS)
-    entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
-    with Session(engine) as session, session.begin():
-        session.add(access_tables.AuditEntry(**entry, details={}))
+def test_audit_log_is_append_only_and_a_downgrade_that_would_empty_it_refused(migrated):
+    note_token(migrated)
+    check_audit_log_is_append_only(migrated)
 
     with pytest.raises(WouldLose, match="lose the 1 rows of audit_log, and nothing"):
-        migrate(engine, SCRIPTS, "0004")
+        migrate(migrated, SCRIPTS, "0004")
+    assert current_revision(migrated) == head_revision(SCRIPTS)
+    check_audit_log_is_append_only(migrated)
 
-    assert current_revision(engine) == head_revision(SCRIPTS)
-    with Session(engine) as session:
-        (left,) = session.scalars(select(access_tables.AuditEntry))
-    assert left.subject == "bob"
-    migrate(engine, SCRIPTS, "0004", may_lose=True)
-    assert "audit_log" not in inspect(engine).get_table_names()
+    migrate(migrated, SCRIPTS, "0004", may_lose=True)
+    assert "audit_log" not in inspect(migrated).get_table_names()
+    migrate(migrated, SCRIPTS)
+    note_token(migrated)
+    check_audit_log_is_append_only(migrated)
 
 
 LOST = {
@@ -275,33 +273,20 @@ LOST = {
 
 
 @pytest.mark.parametrize("revision", LOST)
-def test_downgrade_that_would_lose_something_is_refused(engine, revision):
+def test_downgrade_that_would_lose_something_is_refused(migrated, revision):
     statement, lost = LOST[revision]
-    migrate(engine, SCRIPTS)
-    fill(engine, BEFORE_HOOKS)
-    with engine.begin() as connection:
+    fill(migrated, BEFORE_HOOKS)
+    with migrated.begin() as connection:
         connection.execute(text(statement))
-    above = contents(engine)
+    above = contents(migrated)
 
     with pytest.raises(WouldLose, match=lost):
-        migrate(engine, SCRIPTS, revision)
+        migrate(migrated, SCRIPTS, revision)
 
-    assert current_revision(engine) == head_revision(SCRIPTS)
-    assert contents(engine) == above
-    migrate(engine, SCRIPTS, revision, may_lose=True)
-    assert current_revision(engine) == revision
-
-
-def test_a_downgrade_that_would_lose_datasets_is_refused(engine):
-    migrate(engine, SCRIPTS)
-    with Session(engine) as session, session.begin():
-        add_dataset(session, "kept")
-
-    with pytest.raises(WouldLose, match="rows of datasets"):
-        migrate(engine, SCRIPTS, "base")
-
-    with Session(engine) as session:
-        assert session.scalars(select(tables.Dataset.name)).all() == ["kept"]
+    assert current_revision(migrated) == head_revision(SCRIPTS)
+    assert contents(migrated) == above
+    migrate(migrated, SCRIPTS, revision, may_lose=True)
+    assert current_revision(migrated) == revision
 
 
 def test_undone_bulk_answers_of_earlier_versions_are_known_as_undone(engine):
@@ -329,15 +314,14 @@ def test_undone_bulk_answers_of_earlier_versions_are_known_as_undone(engine):
         assert sorted(tuple(row) for row in rows) == [(71, None), (72, 71)]
 
 
-def test_a_downgrade_ends_sessions_and_keeps_tokens_and_the_audit_log(engine):
+def test_a_downgrade_ends_sessions_and_keeps_tokens_and_the_audit_log(migrated):
     """Sessions, login codes and download links may end: people just sign in again."""
-    migrate(engine, SCRIPTS)
-    fill(engine, BEFORE_HOOKS)
-    above = contents(engine)
+    fill(migrated, BEFORE_HOOKS)
+    above = contents(migrated)
 
-    migrate(engine, SCRIPTS, "0007")
+    migrate(migrated, SCRIPTS, "0007")
 
-    below = contents(engine)
+    below = contents(migrated)
     assert above["login_sessions"]
     assert below["login_sessions"] == []
     assert below.keys() == above.keys() - {
@@ -350,48 +334,13 @@ def test_a_downgrade_ends_sessions_and_keeps_tokens_and_the_audit_log(engine):
     assert below["audit_log"] == above["audit_log"]
 
 
-def test_downgrade_is_refused_while_deleted_datasets_have_rows(engine):
-    migrate(engine, SCRIPTS)
-    with Session(engine) as session, session.begin():
-        add_dataset(session, "gone").removed_at = utc_now()
-
-    with pytest.raises(RuntimeError, match="datasets that were deleted are not gone"):
-        migrate(engine, SCRIPTS, "0007")
-
-    assert current_revision(engine) == head_revision(SCRIPTS)
-
-
-def test_audit_log_is_append_only_after_downgrade_and_upgrade(engine):
-    migrate(engine, SCRIPTS)
-    migrate(engine, SCRIPTS, "0004")
-    assert "audit_log" not in inspect(engine).get_table_names()
-
-    migrate(engine, SCRIPTS)
-
-    with Session(engine) as session, session.begin():
-        session.add(
-            access_tables.AuditEntry(
-                actor="ada", action="token.created", subject="bob", details={}
-            )
-        )
-    with engine.connect() as connection, pytest.raises(DBAPIError, match="only added"):
-        connection.execute(text("DELETE FROM audit_log"))
-
-
 @pytest.mark.sqlite_files("it reads a query plan of SQLite")
 def test_undone_bulk_answers_are_migrated_by_box_and_not_batch_by_batch(tmp_path):
     """Else a bulk answer on a hundred thousand boxes would take half an hour."""
-    engine = make_engine(f"sqlite:///{tmp_path}/unghost.db")
-    migrate(engine, SCRIPTS)
+    give_tables(tmp_path / "data", {})
     script = importlib.import_module("migrations.versions.0011_undone_answers")
 
-    with engine.connect() as connection:
-        plan = connection.execute(
-            text(f"EXPLAIN QUERY PLAN {script.OF_UNDONE_BATCHES}")
-        )
-        steps = [row.detail for row in plan]
+    plan = rows_of(tmp_path / "data", f"EXPLAIN QUERY PLAN {script.OF_UNDONE_BATCHES}")
 
-    engine.dispose()
-    undone = [step for step in steps if "undone" in step]
-    assert len(undone) == 1
-    assert "(box_id=?)" in undone[0]
+    (undone,) = [step for *_, step in plan if "undone" in step]
+    assert "(box_id=?)" in undone

@@ -3,10 +3,6 @@
 Compared are the columns that both revisions have.
 """
 
-import json
-import sqlite3
-from contextlib import closing
-
 import pytest
 from sqlalchemy import inspect
 
@@ -15,11 +11,28 @@ from app.db.inspection import revision_of
 from app.db.migrate import head_revision, migrate
 from app.package import migrations_dir
 from tests.support.api import Api
-from tests.support.filled_database import contents, fill, restricted, revisions
+from tests.support.databases import change, give_tables
+from tests.support.filled_database import (
+    ROWS,
+    contents,
+    fill,
+    restricted,
+    revisions,
+)
 from tests.support.servers import running_server
 
 SCRIPTS = migrations_dir()
 REVISIONS = revisions()
+
+
+def mostly_long(quick):
+    """All revisions; those that are neither `quick` nor among the last are long."""
+    return [
+        revision
+        if revision in {*quick, *REVISIONS[-3:]}
+        else pytest.param(revision, marks=pytest.mark.long)
+        for revision in REVISIONS
+    ]
 
 
 def rows_after_downgrade(rows, revision):
@@ -39,7 +52,10 @@ def without_sessions(rows, revision):
     return {**rows, "login_sessions": []} if revision < "0008" else rows
 
 
-@pytest.mark.parametrize("revision", REVISIONS)
+# The others have the same rows as those before them.
+@pytest.mark.parametrize(
+    "revision", mostly_long({file.name.partition(".")[0] for file in ROWS.iterdir()})
+)
 def test_rows_of_a_revision_survive_upgrade_and_downgrade(engine, revision):
     migrate(engine, SCRIPTS, revision)
     fill(engine, revision)
@@ -57,31 +73,22 @@ def test_rows_of_a_revision_survive_upgrade_and_downgrade(engine, revision):
 
 
 # A downgrade passes all revisions between.
-@pytest.mark.parametrize(
-    "revision",
-    [
-        revision
-        if number % 5 == 0 or revision in REVISIONS[-3:]
-        else pytest.param(revision, marks=pytest.mark.long)
-        for number, revision in enumerate(REVISIONS)
-    ],
-)
-def test_shared_columns_survive_downgrade_and_upgrade(engine, revision):
-    migrate(engine, SCRIPTS)
-    fill(engine, REVISIONS[-1])
-    above = contents(engine)
+@pytest.mark.parametrize("revision", mostly_long(REVISIONS[::5]))
+def test_shared_columns_survive_downgrade_and_upgrade(migrated, revision):
+    fill(migrated, REVISIONS[-1])
+    above = contents(migrated)
 
-    migrate(engine, SCRIPTS, revision, may_lose=True)
-    below = contents(engine)
-    migrate(engine, SCRIPTS)
+    migrate(migrated, SCRIPTS, revision, may_lose=True)
+    below = contents(migrated)
+    migrate(migrated, SCRIPTS)
 
     if revision < "0008":
         assert not below.get("login_sessions")
     expected = rows_after_downgrade(restricted(above, below), revision)
     by_content = {table: sorted(rows, key=repr) for table, rows in expected.items()}
     assert restricted(below, below) == by_content
-    assert restricted(contents(engine), below) == by_content
-    assert {*inspect(engine).get_table_names()} - {"alembic_version"} <= above.keys()
+    assert restricted(contents(migrated), below) == by_content
+    assert {*inspect(migrated).get_table_names()} - {"alembic_version"} <= above.keys()
 
 
 @pytest.mark.sqlite_files("its file is copied before it is migrated")
@@ -118,16 +125,12 @@ def test_server_migrates_an_old_database_and_keeps_a_copy(tmp_path, revision):
 @pytest.mark.sqlite_files("its file is copied before it is migrated")
 def test_database_of_a_newer_version_is_refused_and_unchanged(tmp_path):
     data = tmp_path / "data"
-    data.mkdir()
-    engine = make_engine(f"sqlite:///{data}/unghost.db")
-    migrate(engine, SCRIPTS)
-    engine.dispose()
-    with closing(sqlite3.connect(data / "unghost.db")) as database, database:
-        database.execute("UPDATE alembic_version SET version_num = '9999'")
+    give_tables(data, {})
+    change(data, "UPDATE alembic_version SET version_num = '9999'")
 
     newer = pytest.raises(AssertionError, match="a newer Unghost wrote it")
     with newer, running_server(data):
         pass
 
     assert revision_of(data / "unghost.db") == "9999"
-    assert json.dumps([path.name for path in data.glob("*schema*")]) == "[]"
+    assert [path.name for path in data.glob("*schema*")] == []

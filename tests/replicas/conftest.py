@@ -35,12 +35,6 @@ class Replicas:
     def both(self) -> tuple[Replica, Replica]:
         return self.first, self.second
 
-    def make_reviewer_clients(self, role: str = "reviewer") -> tuple[Api, Api]:
-        """Make a person on the first server, and give a client of each server."""
-        first = self.first.api.person(role)
-        token = {"Authorization": first.http.headers["authorization"]}
-        return first, Api.at(self.second.server.url, token)
-
     def make_dataset(self, frames: int = 1) -> str:
         """Make a dataset, uploading its frames to the two servers in turn.
 
@@ -77,9 +71,11 @@ def make_reviewer(replicas: Replicas) -> Iterator[Callable[[], tuple[Api, Api]]]
     with ExitStack() as opened:
 
         def make() -> tuple[Api, Api]:
-            clients = replicas.make_reviewer_clients()
-            for client in clients:
+            first = replicas.first.api.person()
+            token = {"Authorization": first.http.headers["authorization"]}
+            second = Api.at(replicas.second.server.url, token)
+            for client in (first, second):
                 opened.enter_context(client.http)
-            return clients
+            return first, second
 
         yield make

@@ -55,7 +55,7 @@ class Writers:
     dataset: str
     over: threading.Event = field(default_factory=threading.Event)
     stored: set[str] = field(default_factory=set)
-    reviewed: dict[int, str] = field(default_factory=dict)
+    kept: set[int] = field(default_factory=set)
     refused: list[httpx.Response] = field(default_factory=list)
 
     @contextmanager
@@ -91,11 +91,9 @@ class Writers:
                     continue
                 for box in listed.json()["items"]:
                     response = api.review(box["box_id"], "keep")
-                    if (
-                        self._is_accepted_or_recorded(response)
-                        and response.status_code == 201
-                    ):
-                        self.reviewed[box["box_id"]] = "keep"
+                    self._is_accepted_or_recorded(response)
+                    if response.status_code == 201:
+                        self.kept.add(box["box_id"])
 
     def _client(self) -> Api:
         return Api.at(self.place.server.url, self.place.server.headers)
@@ -115,26 +113,14 @@ class Writers:
             assert response.json()["code"] in ("not_ready", "database_busy")
             assert "127.0.0.1" not in response.text
         api = self.place.api
-        keys = {
-            each["key"]
-            for each in list_all_pages(api, f"/datasets/{self.dataset}/frames")
-        }
+        frames = api.all_items(f"/datasets/{self.dataset}/frames")
+        keys = {frame["key"] for frame in frames}
         assert self.stored <= keys
-        for box_id, verdict in self.reviewed.items():
-            assert api.json(f"/boxes/{box_id}")["review"]["verdict"] == verdict
+        for box_id in self.kept:
+            assert api.json(f"/boxes/{box_id}")["review"]["verdict"] == "keep"
         stats = api.json(f"/datasets/{self.dataset}/stats")
         assert stats["frames"] == len(keys)
         assert stats["kept"] + stats["rejected"] == 2 * len(keys)
-
-
-def list_all_pages(api, path):
-    items: list[dict] = []
-    cursor: dict[str, str] | None = {}
-    while cursor is not None:
-        page = api.json(path, limit=1000, **cursor)
-        items += page["items"]
-        cursor = page["next_cursor"] and {"cursor": page["next_cursor"]}
-    return items
 
 
 def wait_for_recovery(api):
@@ -180,7 +166,7 @@ def test_lost_database_keeps_acknowledged_writes_and_others_get_503(place, lose)
         wait_for_stored(writers, 5)
 
     assert place.server.process.poll() is None
-    assert writers.reviewed
+    assert writers.kept
     writers.check_acknowledged_writes()
 
 
@@ -235,9 +221,7 @@ def test_batch_that_loses_the_database_reports_what_is_stored(place):
                 restart_cluster(place.cluster)
     wait_for_recovery(place.api)
     *told, end = lines
-    keys = {
-        item["key"] for item in list_all_pages(place.api, f"/datasets/{name}/frames")
-    }
+    keys = {item["key"] for item in place.api.all_items(f"/datasets/{name}/frames")}
     again = send(place.api, name, tar_archive(members))
 
     assert {line["key"] for line in told if line["status"] == 201} <= keys
@@ -284,18 +268,13 @@ def test_run_resumes_by_itself_after_a_database_restart(place, street, lose):
     assert (run["state"], run["done"]) == ("done", FRAMES), run
 
 
-def end_a_connection_in_transaction(cluster):
-    """End one connection in the middle of a transaction, and no other one."""
-    until(cluster.end_a_transaction)
-
-
 def test_connection_lost_in_a_transaction_does_not_fail_the_run(place, street):
     """Formerly a run failed with the error "internal" when a connection was ended."""
     accepted = place.api.post(f"/datasets/{street}/runs", {"config": OTHER_PIXELS[2]})
     with open_events(place.api, accepted.json()["id"]) as events:
         next(event.data for event in events if event.data["done"])
 
-    end_a_connection_in_transaction(place.cluster)
+    until(place.cluster.end_a_transaction)
     run = wait_for_end(place.api, accepted.headers["location"])
 
     assert (run["state"], run["done"]) == ("done", FRAMES), run

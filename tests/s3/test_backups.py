@@ -31,26 +31,20 @@ def back_up(tmp_path, bucket, name="kept.tar", *, incomplete=False):
 
 
 @pytest.mark.parametrize("name", ["kept", "kept.tar"])
-def test_backup_of_a_bucket_is_restored_to_another_bucket(
+def test_backup_of_a_bucket_is_restored_to_another_bucket_or_to_a_folder(
     tmp_path, s3, filled_bucket, name
 ):
     kept = back_up(tmp_path, filled_bucket, name)
     other = s3.bucket()
 
     _, files = restore(settings(tmp_path / "again", other), kept.path, silently)
+    restore(settings(tmp_path / "folder"), kept.path, silently)
 
     assert (kept.files, files) == (4, 4)
     assert other.blobs() == filled_bucket.blobs()
     with running_services(tmp_path / "again", **other.settings):
         assert doctor_findings(tmp_path / "again", **other.settings) == {}
-
-
-def test_backup_of_a_bucket_is_restored_to_a_folder(tmp_path, filled_bucket):
-    kept = back_up(tmp_path, filled_bucket)
-
-    restore(settings(tmp_path / "again"), kept.path, silently)
-
-    assert doctor_findings(tmp_path / "again").keys() <= {"token"}
+    assert doctor_findings(tmp_path / "folder").keys() <= {"token"}
 
 
 def test_backup_with_a_damaged_blob_fails_or_omits_it(tmp_path, filled_bucket):

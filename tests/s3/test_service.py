@@ -65,10 +65,14 @@ def test_files_are_in_the_bucket_by_digest_and_not_in_the_data_folder(on_s3, dat
     assert stored_here == []
 
 
-def test_thumbnail_overlay_and_crop_are_drawn_from_the_bucket(on_s3, dataset):
+def test_pictures_are_drawn_and_frames_measured_from_the_bucket(on_s3):
+    dataset = upload_dataset(on_s3.api)
     box = on_s3.api.boxes(dataset)[0]
     frame_path = f"/frames/{box['frame_id']}"
 
+    run = on_s3.api.run(dataset, FROM_PIXELS)
+
+    assert (run["state"], run["done"]) == ("done", 2 * FRAMES)
     for path in (
         f"{frame_path}/thumbnail",
         f"{frame_path}/overlay",
@@ -77,14 +81,6 @@ def test_thumbnail_overlay_and_crop_are_drawn_from_the_bucket(on_s3, dataset):
         response = on_s3.api.get(path)
         assert response.status_code == 200, response.text
         assert response.headers["content-type"] in ("image/webp", "image/png")
-
-
-def test_run_measures_frames_from_the_bucket(on_s3):
-    dataset = upload_dataset(on_s3.api)
-
-    run = on_s3.api.run(dataset, FROM_PIXELS)
-
-    assert (run["state"], run["done"]) == ("done", 2 * FRAMES)
 
 
 def test_reupload_of_a_frame_repairs_its_damaged_and_missing_files(on_s3):

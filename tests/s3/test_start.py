@@ -21,18 +21,15 @@ def refusal(folder, bucket, **chosen):
     return str(refused.value)
 
 
-def test_missing_bucket_is_reported_at_start(tmp_path, s3):
-    said = refusal(tmp_path / "data", TestBucket(s3.url, "no-such-bucket"))
+def test_missing_bucket_or_unreachable_server_is_reported_at_start(tmp_path, s3):
+    missing = refusal(tmp_path / "data", TestBucket(s3.url, "no-such-bucket"))
+    away = refusal(tmp_path / "data", TestBucket("http://127.0.0.1:1", "pictures"))
 
-    assert said.startswith(f"the bucket 'no-such-bucket' at {s3.url} cannot be used: ")
-    assert "there is no such bucket" in said
-
-
-def test_unreachable_storage_server_is_reported_at_start(tmp_path, s3):
-    said = refusal(tmp_path / "data", TestBucket("http://127.0.0.1:1", "pictures"))
-
-    assert "'pictures' at http://127.0.0.1:1" in said
-    assert "it does not respond" in said
+    place = f"the bucket 'no-such-bucket' at {s3.url}"
+    assert missing.startswith(f"{place} cannot be used: ")
+    assert "there is no such bucket" in missing
+    assert "'pictures' at http://127.0.0.1:1" in away
+    assert "it does not respond" in away
 
 
 @pytest.mark.parametrize("status", [pytest.param(500, marks=pytest.mark.long), 503])

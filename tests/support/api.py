@@ -52,6 +52,16 @@ class Api:
     def delete(self, path: str) -> httpx.Response:
         return self.http.delete(BASE + path)
 
+    def all_items(self, path: str) -> list[Any]:
+        """All items of a list, page by page."""
+        items: list[Any] = []
+        cursor: dict[str, str] | None = {}
+        while cursor is not None:
+            page = self.json(path, limit=1000, **cursor)
+            items += page["items"]
+            cursor = page["next_cursor"] and {"cursor": page["next_cursor"]}
+        return items
+
     def person(self, role: str = "reviewer") -> Api:
         """A client of the same service, with a new token of this role."""
         body = {"name": f"person-{next(_numbers)}", "role": role}

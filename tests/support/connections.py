@@ -42,3 +42,26 @@ def request_head(
 def read_until_closed(connection: socket.socket) -> bytes:
     """Everything received until the server closes the connection."""
     return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def read_response(connection: socket.socket) -> tuple[int, dict[str, str], bytes]:
+    """Read one response: its status, its headers in lower case, and its body."""
+    received = b""
+    while b"\r\n\r\n" not in received:
+        received += _next_piece(connection)
+    head, _, body = received.partition(b"\r\n\r\n")
+    lines = head.decode().lower().split("\r\n")
+    headers = dict(line.split(": ", 1) for line in lines[1:])
+    while not (
+        body.endswith(b"\r\n0\r\n\r\n")
+        if "transfer-encoding" in headers
+        else len(body) >= int(headers.get("content-length", "0"))
+    ):
+        body += _next_piece(connection)
+    return int(lines[0].split()[1]), headers, body
+
+
+def _next_piece(connection: socket.socket) -> bytes:
+    piece = connection.recv(65536)
+    assert piece, "the server has closed the connection"
+    return piece

@@ -90,7 +90,7 @@ def give_tables(data: Path, settings: Mapping[str, object]) -> None:
     if CHOSEN or named & {"database_url", "storage"} or not is_new:
         return
     make_folder(data)
-    (data / FILE).write_bytes(_migrated_file())
+    (data / FILE).write_bytes(migrated_file())
     _give_own_id(url_of(data))
 
 
@@ -226,7 +226,8 @@ def _migrated() -> URL:
 
 
 @lru_cache(maxsize=1)
-def _migrated_file() -> bytes:
+def migrated_file() -> bytes:
+    """An SQLite file with all tables, but no rows: copying is faster than migrating."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / FILE
         with closing(Database(f"sqlite:///{file}")) as database:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from alembic.config import Config
@@ -15,6 +16,7 @@ ROWS = CHECKOUT / "tests" / "migrations" / "rows"
 Rows = dict[str, list[dict[str, Any]]]
 
 
+@cache
 def revisions() -> list[str]:
     """The ids of all migrations, the oldest first."""
     config = Config()

@@ -34,10 +34,6 @@ def log_in(service, client):
     return {"Authorization": f"Bearer {response.json()['session']}"}
 
 
-def own_origin(service):
-    return {"Origin": service.url}
-
-
 def test_openapi_document_marks_the_open_routes(admin):
     schema = admin.get("/openapi.json").json()
 
@@ -71,11 +67,21 @@ def test_error_says_whether_a_wrong_token_or_none_was_sent(anonymous, header, de
     assert (response.status_code, response.json()["detail"]) == (401, detail)
 
 
-def test_wrong_token_at_login_is_not_called_missing(anonymous):
-    response = anonymous.post("/api/v1/session", json={"token": "ug_x"})
+def test_login_refuses_wrong_tokens_sessions_and_other_origins(service, anonymous):
+    session = log_in(service, anonymous)["Authorization"].removeprefix("Bearer ")
+    elsewhere = {"Origin": "http://evil.example"}
 
-    assert response.status_code == 401
-    assert response.json()["detail"] == WRONG_TOKEN
+    wrong, of_session, of_others = (
+        anonymous.post("/api/v1/session", json={"token": token}, headers=headers)
+        for token, headers in (
+            *(("ug_x", {}), (session, {})),
+            (service.token, elsewhere),
+        )
+    )
+
+    assert (wrong.status_code, wrong.json()["detail"]) == (401, WRONG_TOKEN)
+    assert of_session.status_code == 401
+    assert (of_others.status_code, "session" in of_others.json()) == (403, False)
 
 
 def test_token_is_in_its_private_file_alone(service):
@@ -92,51 +98,31 @@ def test_token_is_in_its_private_file_alone(service):
     assert [path.name for path in files if secret in path.read_bytes()] == ["token"]
 
 
-def test_deleting_the_token_file_changes_token_and_ends_sessions(serve):
-    before = serve()
-    old = before.token
-    with before.client() as browser:
-        session = log_in(before, browser)
-    before.settings.token_file.unlink()
+def test_login_sets_no_cookie_and_its_secret_is_neither_cached_nor_stored(
+    service, anonymous
+):
+    key = {"Idempotency-Key": "log-in"}
 
-    after = serve()
-
-    with after.client() as client:
-        by_token = client.get("/version", headers={"Authorization": f"Bearer {old}"})
-        by_session = client.get("/version", headers=session)
-    assert after.token != old
-    assert (by_token.status_code, by_session.status_code) == (401, 401)
-
-
-def test_login_sets_no_cookie_and_its_response_is_not_cached(service, anonymous):
-    response = anonymous.post("/api/v1/session", json={"token": service.token})
+    response, again = (
+        anonymous.post("/api/v1/session", json={"token": service.token}, headers=key)
+        for _ in range(2)
+    )
 
     assert "set-cookie" not in response.headers
     assert response.headers["cache-control"] == "no-store"
-    assert response.json() == {
-        "session": response.json()["session"],
+    session = response.json()
+    assert session == {
+        "session": session["session"],
+        "expires_at": session["expires_at"],
         "name": "admin",
         "role": "admin",
-        "expires_at": response.json()["expires_at"],
     }
-    assert response.json()["session"].startswith("us_")
+    assert session["session"].startswith("us_")
     assert service.token not in response.text
-
-
-def test_login_with_idempotency_key_stores_no_session_secret(service, anonymous):
-    headers = {"Idempotency-Key": "log-in"}
-
-    sessions = {
-        anonymous.post(
-            "/api/v1/session", json={"token": service.token}, headers=headers
-        ).json()["session"]
-        for _ in range(2)
-    }
-
-    assert len(sessions) == 2
-    assert all(
-        session not in everything_in(service.settings.data) for session in sessions
-    )
+    dump = everything_in(service.settings.data)
+    assert session["session"] != again.json()["session"]
+    assert session["session"] not in dump
+    assert again.json()["session"] not in dump
 
 
 def test_token_and_session_stay_valid_after_a_restart(serve):
@@ -151,57 +137,24 @@ def test_token_and_session_stay_valid_after_a_restart(serve):
         assert browser.get("/version").status_code == 200
 
 
-def test_session_opens_no_other_session(service, anonymous):
-    session = log_in(service, anonymous)
-    secret = session["Authorization"].removeprefix("Bearer ")
-
-    response = anonymous.post("/api/v1/session", json={"token": secret})
-
-    assert response.status_code == 401
-
-
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"Origin": "http://evil.example"},
-        {"Origin": "null"},
-        {"Origin": "http://127.0.0.1:1"},
-        {"Sec-Fetch-Site": "same-site"},
-        {"Sec-Fetch-Site": "cross-site"},
-        {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
-    ],
-)
-def test_session_write_from_another_origin_is_forbidden(service, anonymous, headers):
+def test_session_writes_only_from_the_page_of_its_service(service, anonymous):
     """A write with a session is refused if its headers name another page.
 
     Other pages do not have the session. Should one get it, the browser still sends
     these headers, which give it away.
     """
     session = log_in(service, anonymous)
+    others = [
+        *({"Origin": origin} for origin in ("http://evil.example", "null")),
+        {"Origin": "http://127.0.0.1:1"},
+        *({"Sec-Fetch-Site": site} for site in ("same-site", "cross-site")),
+        {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
+    ]
 
-    response = anonymous.post("/probe/echo", headers={**session, **headers})
-
-    assert (response.status_code, response.json()["code"]) == (403, "forbidden")
-
-
-def test_session_write_from_its_own_origin_is_allowed(service, anonymous):
-    session = log_in(service, anonymous)
-    same = {"Sec-Fetch-Site": "same-origin"}
-
-    by_origin = anonymous.post(
-        "/probe/echo", headers={**session, **own_origin(service)}
-    )
-    by_site = anonymous.post("/probe/echo", headers={**session, **same})
-
-    assert (by_origin.status_code, by_site.status_code) == (200, 200)
-
-
-def test_login_from_another_origin_is_forbidden(service, anonymous):
-    response = anonymous.post(
-        "/api/v1/session",
-        json={"token": service.token},
-        headers={"Origin": "http://evil.example"},
-    )
-
-    assert response.status_code == 403
-    assert "session" not in response.json()
+    for headers in others:
+        response = anonymous.post("/probe/echo", headers={**session, **headers})
+        refusal = (response.status_code, response.json().get("code"))
+        assert refusal == (403, "forbidden"), headers
+    for headers in ({"Origin": service.url}, {"Sec-Fetch-Site": "same-origin"}):
+        response = anonymous.post("/probe/echo", headers={**session, **headers})
+        assert response.status_code == 200, headers

@@ -1,12 +1,11 @@
 """The audit log: who did what, when and to what; entries are never changed."""
 
-import threading
-
 import pytest
 from sqlalchemy.exc import DBAPIError
 
 from app.access.audit import MOST_AN_HOUR
 from tests.support.databases import change
+from tests.support.live import block_jobs
 
 TOKENS = "/api/v1/tokens"
 DATASETS = "/api/v1/datasets"
@@ -106,24 +105,15 @@ def test_dataset_is_audited_from_creation_to_deletion(admin):
     assert activated["details"]["config"] == digest
 
 
-@pytest.fixture
-def busy(service):
-    """Keeps the only thread for jobs busy, so that jobs wait until the test ends."""
-    done = threading.Event()
-    service.app.state.services.engine.submit(lambda: done.wait(60))
-    yield
-    done.set()
-
-
-def test_cancelled_jobs_are_audited_with_their_dataset(admin, busy):
+def test_cancelled_jobs_are_audited_with_their_dataset(service, admin):
     admin.post(DATASETS, json={"name": "stopped"})
     digest = admin.get(f"{DATASETS}/stopped/config").json()["digest"]
-    export = admin.post(f"{DATASETS}/stopped/exports", json={"format": "yolo"})
-    run = admin.post(f"{DATASETS}/stopped/runs", json={"config": digest})
-
-    for job in (export, run):
-        response = admin.post(f"{job.headers['location']}/cancel")
-        assert response.status_code == 202
+    with block_jobs(service.app.state.services.engine):
+        export = admin.post(f"{DATASETS}/stopped/exports", json={"format": "yolo"})
+        run = admin.post(f"{DATASETS}/stopped/runs", json={"config": digest})
+        for job in (export, run):
+            response = admin.post(f"{job.headers['location']}/cancel")
+            assert response.status_code == 202
 
     items = admin.get(AUDIT, params={"limit": 2}).json()["items"]
     assert [(entry["action"], entry["subject"]) for entry in items] == [
@@ -159,14 +149,12 @@ def test_audit_pagination_lists_entries_newest_first(admin):
     assert ids == sorted(ids, reverse=True)
 
 
-@pytest.mark.parametrize(
-    "statement", ["update audit_log set actor = 'nobody'", "delete from audit_log"]
-)
-def test_audit_log_is_append_only_in_the_database(service, admin, statement):
+def test_audit_log_is_append_only_in_the_database(service, admin):
     before = admin.get(AUDIT).text
 
-    with pytest.raises(DBAPIError, match="only added to"):
-        change(service.settings.data, statement)
+    for statement in ("update audit_log set actor = 'x'", "delete from audit_log"):
+        with pytest.raises(DBAPIError, match="only added to"):
+            change(service.settings.data, statement)
 
     assert admin.get(AUDIT).text == before
 

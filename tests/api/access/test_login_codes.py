@@ -20,27 +20,17 @@ def log_in(service, client, **body):
     return {"Authorization": f"Bearer {response.json()['session']}"}
 
 
-def change_code(service, code, **to):
-    """Change columns of a stored login code, as if time had passed."""
-    with service.app.state.database.write() as session:
-        row = session.scalars(
-            select(LoginCode).where(LoginCode.hash == hash_secret(code))
-        ).one()
-        for name, value in to.items():
-            setattr(row, name, value)
-
-
 def test_login_code_is_single_use_and_opens_a_session_of_its_token(
-    service, admin, anonymous
+    service, admin, anonymous, as_role
 ):
     made = admin.post("/api/v1/login-codes")
-    code = made.json()["code"]
-    before = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
+    code, path = made.json()["code"], f"/api/v1/login-codes/{made.json()['id']}"
+    before = admin.get(path).json()
 
     session = log_in(service, anonymous, code=code)
     again = anonymous.post("/api/v1/session", json={"code": code})
 
-    after = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
+    after = admin.get(path).json()
     assert made.headers["cache-control"] == "no-store"
     assert anonymous.get("/api/v1/session", headers=session).json()["name"] == "admin"
     assert (again.status_code, again.json()["code"]) == (401, "code_over")
@@ -48,6 +38,7 @@ def test_login_code_is_single_use_and_opens_a_session_of_its_token(
     assert after["used_at"] is not None
     assert "code" not in after
     assert code not in everything_in(service.settings.data)
+    assert as_role("admin").get(path).status_code == 404, "a code of another token"
 
 
 def test_login_code_used_concurrently_opens_one_session(service, admin):
@@ -68,14 +59,16 @@ def test_login_code_expires_after_ten_minutes(service, admin, anonymous):
     now = datetime.now(timezone.utc)
     assert timedelta(minutes=9) < ends - now <= timedelta(minutes=10)
 
-    change_code(service, made["code"], expires_at=now)
+    with service.app.state.database.write() as session:
+        stored = select(LoginCode).where(LoginCode.hash == hash_secret(made["code"]))
+        session.scalars(stored).one().expires_at = now
 
     response = anonymous.post("/api/v1/session", json={"code": made["code"]})
     assert (response.status_code, response.json()["code"]) == (401, "code_over")
     assert "`unghost login` prints a new one" in response.json()["detail"]
 
 
-def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous):
+def test_login_code_of_a_revoked_token_is_unauthorised(admin, anonymous):
     token = admin.post("/api/v1/tokens", json={"name": "leaver"}).json()
     bearer = {"Authorization": f"Bearer {token['token']}"}
     code = anonymous.post("/api/v1/login-codes", headers=bearer).json()["code"]
@@ -86,30 +79,18 @@ def test_login_code_of_a_revoked_token_is_unauthorised(service, admin, anonymous
     assert response.status_code == 401
 
 
-def test_session_makes_no_login_code(service, anonymous):
-    """It would open another session, which the end of the first one does not end."""
+def test_login_code_needs_the_token_itself_and_login_one_of_both(service, anonymous):
+    """A session would open another session, which the end of it does not end."""
     session = log_in(service, anonymous)
 
-    response = anonymous.post("/api/v1/login-codes", headers=session)
+    made = anonymous.post("/api/v1/login-codes", headers=session)
 
-    assert response.status_code == 403
-    assert "a login code needs the token itself" in response.json()["detail"]
-
-
-def test_login_code_of_another_token_returns_404(admin, as_role):
-    made = admin.post("/api/v1/login-codes").json()
-
-    response = as_role("admin").get(f"/api/v1/login-codes/{made['id']}")
-
-    assert response.status_code == 404
-
-
-@pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
-def test_login_with_neither_or_both_of_token_and_code_is_refused(anonymous, body):
-    response = anonymous.post("/api/v1/session", json=body)
-
-    assert response.status_code == 422
-    assert "expected either token or code" in response.json()["detail"]
+    assert made.status_code == 403
+    assert "a login code needs the token itself" in made.json()["detail"]
+    for body in ({}, {"token": "ug_x", "code": "uc_x"}):
+        response = anonymous.post("/api/v1/session", json=body)
+        assert response.status_code == 422
+        assert "expected either token or code" in response.json()["detail"]
 
 
 def test_login_codes_and_logins_are_audited(service, admin, anonymous):

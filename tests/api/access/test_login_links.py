@@ -177,31 +177,22 @@ def test_serve_open_leaks_no_secret_to_processes_and_leaves_no_file(tmp_path, br
     assert list((tmp_path / "here").glob("login-*")) == []
 
 
-def test_serve_open_without_a_browser_leaves_no_file(tmp_path):
+def test_serve_open_without_a_browser_leaves_no_file_and_removes_a_stale_one(tmp_path):
     unghost = CommandLine(tmp_path, {"BROWSER": "no-such-browser", "PATH": ""})
+    (tmp_path / "here").mkdir(mode=0o700)
+    left = tmp_path / "here" / "login-left.html"
+    left.write_text("a code that is over")
 
     with unghost.running(
         "serve", "--data", "here", "--port", "0", "--json", "--open"
     ) as process:
         assert first_line(process)
+        assert not left.exists()
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=PATIENCE_S)
 
     assert process.returncode == DONE
     assert list((tmp_path / "here").glob("login-*")) == []
-
-
-def test_stale_login_file_is_deleted_at_startup(tmp_path):
-    (tmp_path / "here").mkdir(mode=0o700)
-    left = tmp_path / "here" / "login-left.html"
-    left.write_text("a code that is over")
-
-    unghost = CommandLine(tmp_path, {})
-    with unghost.running("serve", "--data", "here", "--port", "0", "--json") as process:
-        assert first_line(process)
-        assert not left.exists()
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE_S)
 
 
 def test_login_open_starts_the_browser_and_exits_once_link_is_used(machine, browser):

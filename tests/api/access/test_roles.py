@@ -116,11 +116,15 @@ def new_token(client):
     return client.post("/api/v1/tokens", json={"name": name}).json()
 
 
-def expired(service, client):
-    token = new_token(client)
+def expire(service, token):
     with service.app.state.database.write() as session:
         row = session.get(Token, token["id"])
         row.expires_at = datetime.now(timezone.utc) - timedelta(seconds=1)
+
+
+def expired(service, client):
+    token = new_token(client)
+    expire(service, token)
     return {"Authorization": f"Bearer {token['token']}"}
 
 
@@ -180,29 +184,23 @@ def test_every_route_refuses_requests_without_a_valid_token(
     assert set(statuses.values()) == UNAUTHORISED
 
 
-@pytest.mark.parametrize(
-    ("which", "code"), [("expired", "token_expired"), ("revoked", "token_revoked")]
-)
-def test_expired_and_revoked_tokens_have_their_own_error_codes(
-    service, admin, which, code
-):
-    headers = INVALID_CREDENTIALS[which](service, admin)
-    token = headers["Authorization"].split()[1]
+def test_expired_and_revoked_tokens_have_their_own_error_codes(service, admin):
+    for which in ("expired", "revoked"):
+        headers = INVALID_CREDENTIALS[which](service, admin)
+        token = headers["Authorization"].split()[1]
 
-    by_header = admin.get("/version", headers=headers).json()
-    by_login = admin.post("/api/v1/session", json={"token": token}).json()
+        by_header = admin.get("/version", headers=headers).json()
+        by_login = admin.post("/api/v1/session", json={"token": token}).json()
 
-    assert (by_header["code"], by_login["code"]) == (code, code)
+        assert by_header["code"] == by_login["code"] == f"token_{which}"
 
 
 def test_session_expires_with_its_token(service, admin):
     token = new_token(admin)
     session = open_session(service, token["token"])
-    with service.client(**session) as browser:
-        with service.app.state.database.write() as session:
-            row = session.get(Token, token["id"])
-            row.expires_at = datetime.now(timezone.utc) - timedelta(seconds=1)
+    expire(service, token)
 
+    with service.client(**session) as browser:
         response = browser.get("/version")
 
     assert (response.status_code, response.json()["code"]) == (401, "token_expired")

@@ -1,21 +1,16 @@
 """Boxes over HTTP: how many a list has in total, and which boxes one overlaps."""
 
-import pytest
-
 from tests.support import frames as scene
 
 
-@pytest.mark.parametrize(
-    ("filters", "total"), [({}, 6), ({"conflict": "true"}, 1), ({"class": "van"}, 0)]
-)
-def test_list_of_boxes_returns_the_total_count_on_request(api, dataset, filters, total):
+def test_list_of_boxes_returns_the_total_count_on_request(api, dataset):
     real, ghost = api.box_ids(dataset)[:2]
     api.review(real, "keep")
     api.review(ghost, "keep")
 
-    page = api.json("/boxes", dataset=dataset, count="true", limit=1, **filters)
-
-    assert page["total"] == total
+    for filters, total in (({}, 6), ({"conflict": "true"}, 1), ({"class": "van"}, 0)):
+        page = api.json("/boxes", dataset=dataset, count="true", limit=1, **filters)
+        assert page["total"] == total, filters
     assert "total" not in api.json("/boxes", dataset=dataset, limit=1)
 
 

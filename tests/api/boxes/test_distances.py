@@ -2,26 +2,18 @@
 
 from tests.support import frames as scene
 
+CAR = {"class": "car", "xyxy": scene.ON_THE_CAR}
 RANGED = {
     "carla_version": "0.9.15",
     "boxes": [
-        {
-            "id": "far",
-            "class": "car",
-            "xyxy": scene.ON_THE_CAR,
-            "distance_range": [100, 150],
-        },
-        {"id": "known", "class": "car", "xyxy": scene.ON_THE_CAR, "distance": 20},
+        {"id": "far", **CAR, "distance_range": [100, 150]},
+        {"id": "known", **CAR, "distance": 20},
     ],
 }
+SIZE = {"width": scene.WIDTH, "height": scene.HEIGHT, "fov": 90}
 SOLID = {
     "carla_version": "0.9.15",
-    "camera": {
-        "width": scene.WIDTH,
-        "height": scene.HEIGHT,
-        "fov": 90,
-        "transform": {"x": 0, "y": 0, "z": 0},
-    },
+    "camera": {**SIZE, "transform": {"x": 0, "y": 0, "z": 0}},
     "boxes": [
         {
             "id": name,

@@ -76,7 +76,8 @@ def test_frame_over_pixel_time_or_memory_limit_is_refused(serve, settings, named
         assert ended in api.http.get("/metrics").text
 
 
-def test_image_over_memory_limit_refuses_only_its_frame_of_a_batch(serve):
+def test_image_over_memory_limit_refuses_its_frame_of_a_batch_or_its_overlay(serve):
+    """An overlay that was refused is not tried again."""
     with serving(serve, max_pixel_memory_bytes=64 * MIB, workers=1) as (_, api):
         name = api.dataset()
         large = [
@@ -84,13 +85,27 @@ def test_image_over_memory_limit_refuses_only_its_frame_of_a_batch(serve):
             ("large.segmentation.png", road_segmentation(6000, 6000)),
         ]
         content = tar_archive([*frame("a"), *large, *frame("b")])
+        image = plain_png(6000, 6000)
 
         response = send(api, name, content)
+        stored = api.upload_frame(name, "c", annotation(6000, 6000), image=image)
+        path = f"/frames/{stored['frame']['id']}/overlay"
+        responses = [api.get(path) for _ in range(5)]
 
         first, refused, last, _ = lines_of(response.text)
         assert [first["status"], last["status"]] == [201, 201]
         assert (refused["key"], refused["status"]) == ("large", 422)
         assert refused["problem"]["code"] == "pixels_refused"
+        assert {each.json()["code"] for each in responses} == {"pixels_refused"}
+
+        def processes_ended():
+            ended = 'unghost_pixel_processes_ended_total{reason="memory"}'
+            lines = api.http.get("/metrics").text.splitlines()
+            return [line for line in lines if line.startswith(ended)]
+
+        before, again = processes_ended(), [api.get(path) for _ in range(3)]
+        assert {response.status_code for response in again} == {422}
+        assert processes_ended() == before
 
 
 def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
@@ -193,25 +208,6 @@ def test_client_disconnect_cancels_measuring_of_its_frame(serve):
         assert api.get(f"/datasets/{dataset}").json()["counts"]["frames"] == 0
 
 
-def test_overlay_refused_for_memory_is_not_retried(serve):
-    with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
-        large = plain_png(6000, 6000)
-        camera = {**annotation(6000, 6000), "boxes": []}
-        stored = api.upload_frame(api.dataset(), "a", camera, image=large)
-        path = f"/frames/{stored['frame']['id']}/overlay"
-
-        responses = [api.get(path) for _ in range(5)]
-
-        assert {response.json()["code"] for response in responses} == {"pixels_refused"}
-        ended = 'unghost_pixel_processes_ended_total{reason="memory"}'
-        lines = api.http.get("/metrics").text.splitlines()
-        counts = [line for line in lines if line.startswith(ended)]
-        before, again = counts, [api.get(path) for _ in range(3)]
-        assert {response.status_code for response in again} == {422}
-        after = api.http.get("/metrics").text.splitlines()
-        assert [line for line in after if line.startswith(ended)] == before
-
-
 @contextmanager
 def slow_drawings(service, api, path, count):
     """One viewer asks for a slow picture `count` times at once; yields the requests."""
@@ -228,39 +224,28 @@ def slow_drawings(service, api, path, count):
             stopping.set()  # ends the drawings, so that the test need not wait
 
 
-def put_slow_frame(api, name):
-    """Store a frame that takes seconds to draw; return the path of its overlay."""
-    side = 6000
-    image = plain_png(side, side)
+def test_drawings_of_one_token_do_not_block_others_and_are_cancelled_at_shutdown(
+    serve,
+):
+    side = 6000  # it takes seconds to draw
     boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]
-    stored = api.upload_frame(name, "slow", annotation(side, side, *boxes), image=image)
-    return f"{BASE}/frames/{stored['frame']['id']}/overlay"
-
-
-def test_concurrent_drawings_of_one_token_do_not_block_others(serve):
+    slow = annotation(side, side, *boxes)
     with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
         name = api.dataset()
         small = api.upload_frame(name, "small")["frame"]["id"]
-        path = put_slow_frame(api, name)
+        large = api.upload_frame(name, "slow", slow, image=plain_png(side, side))
+        path = f"{BASE}/frames/{large['frame']['id']}/overlay"
         with slow_drawings(service, api, path, 6) as requests:
             thumbnail = api.get(f"/frames/{small}/thumbnail")
             stored = api.put(name, "another")
             overlay = api.get(f"/frames/{small}/overlay")
             drawn = [request for request in requests if request.done()]
+        late = api.http.get(path)
+        responses = [*(request.result() for request in requests), late]
 
     assert (thumbnail.status_code, overlay.status_code) == (200, 200)
     assert stored.status_code == 201, stored.text
     assert drawn == []
-
-
-def test_shutdown_cancels_drawings_with_503(serve):
-    with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
-        path = put_slow_frame(api, api.dataset())
-        with slow_drawings(service, api, path, 3) as requests:
-            pass
-        late = api.http.get(path)
-        responses = [request.result() for request in requests]
-
-    assert {response.status_code for response in (*responses, late)} == {503}
-    assert {response.json()["code"] for response in (*responses, late)} == {"not_ready"}
+    assert {response.status_code for response in responses} == {503}
+    assert {response.json()["code"] for response in responses} == {"not_ready"}
     assert "the service is stopping" in late.json()["detail"]

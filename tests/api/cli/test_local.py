@@ -83,17 +83,8 @@ def test_filter_with_an_invalid_frame_exits_with_3(bare_unghost, tmp_path):
     result = bare_unghost("filter", folder, "-o", "out.jsonl", "--json")
 
     assert result.code == PARTLY
-    assert result.records == [
-        {
-            "output": "out.jsonl",
-            "decided": 2,
-            "failed": 1,
-            "kept": 2,
-            "rejected": 2,
-            "unmeasured": 0,
-            "unmatched": [],
-        }
-    ]
+    counts = {"decided": 2, "failed": 1, "kept": 2, "rejected": 2, "unmeasured": 0}
+    assert result.records == [{"output": "out.jsonl", **counts, "unmatched": []}]
     assert "refused: run/000001" in result.err
     lines = lines_of(tmp_path / "out.jsonl")
     assert lines[1]["error"]["errors"][0]["pointer"].startswith("/boxes/0")
@@ -432,9 +423,12 @@ def test_filter_says_that_no_frame_has_a_box_and_which_options_may_help(
     assert ("has a box" in result.err) == (said != "")
 
 
-def test_folder_without_a_known_layout_is_refused_by_its_name(bare_unghost, tmp_path):
+def test_folder_of_no_layout_or_of_two_is_refused_by_its_name(bare_unghost, tmp_path):
     (tmp_path / "empty").mkdir()
+    labels = {"a.xml": "<annotation/>", "labels/1.txt": "", "data.yaml": "names: [car]"}
+    write_files(tmp_path / "both", {**labels, "images/1.png": None})
 
+    both = bare_unghost("filter", "both")
     results = [
         bare_unghost("filter", "empty"),
         CommandLine(tmp_path / "empty", {})("filter", "."),
@@ -444,28 +438,14 @@ def test_folder_without_a_known_layout_is_refused_by_its_name(bare_unghost, tmp_
         assert result.code == REFUSED
         assert "empty: no layout recognised" in result.err
         assert "Traceback" not in result.err
-
-
-def test_folder_with_two_layouts_is_refused_with_the_option_that_chooses(
-    bare_unghost, tmp_path
-):
-    labels = {"a.xml": "<annotation/>", "labels/1.txt": "", "data.yaml": "names: [car]"}
-    write_files(tmp_path / "both", {**labels, "images/1.png": None})
-
-    result = bare_unghost("filter", "both")
-
-    assert result.code == REFUSED
-    assert "choose one, for example with --layout voc" in result.err
+    assert both.code == REFUSED
+    assert "choose one, for example with --layout voc" in both.err
 
 
 def test_filter_lists_unmatched_files(bare_unghost, tmp_path):
-    (tmp_path / "yolo" / "images").mkdir(parents=True)
-    (tmp_path / "yolo" / "labels").mkdir()
-    (tmp_path / "yolo" / "classes.txt").write_text("car\n")
-    (tmp_path / "yolo" / "labels" / "a.txt").write_text("0 0.5 0.5 0.1 0.1\n")
-    frame = write_manifest(tmp_path / "frames", 1) / "rgb" / "000000.png"
-    for stem in ("a", "b"):
-        (tmp_path / "yolo" / "images" / f"{stem}.png").write_bytes(frame.read_bytes())
+    labels = {"labels/a.txt": "0 0.5 0.5 0.1 0.1\n", "classes.txt": "car\n"}
+    images = dict.fromkeys(("images/a.png", "images/b.png"))
+    write_files(tmp_path / "yolo", {**labels, **images})
 
     result = bare_unghost("filter", "yolo", "-o", "out.jsonl")
     as_json = bare_unghost("filter", "yolo", "-o", "out.jsonl", "--json")
@@ -645,25 +625,19 @@ def test_convert_with_filter_says_what_becomes_of_unmeasured_boxes(
     assert all(labels)
 
 
-def test_convert_refuses_the_current_folder_as_output(bare_unghost, tmp_path):
+def test_convert_refuses_the_current_folder_or_one_that_is_not_empty_as_output(
+    bare_unghost, tmp_path
+):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "empty").mkdir()
+    convert = ("convert", folder, "--to", "yolo", "-o")
 
-    result = CommandLine(tmp_path / "empty", {})(
-        "convert", folder, "--to", "yolo", "-o", "."
-    )
+    current = CommandLine(tmp_path / "empty", {})(*convert, ".")
+    filled = bare_unghost(*convert, folder)
 
-    assert result.code == REFUSED
-    assert "empty: expected a new folder, found this one" in result.err
-
-
-def test_convert_refuses_an_output_folder_that_is_not_empty(bare_unghost, tmp_path):
-    folder = write_manifest(tmp_path / "frames", 1)
-
-    result = bare_unghost("convert", folder, "--to", "yolo", "-o", folder)
-
-    assert result.code == REFUSED
-    assert "expected a new or an empty folder" in result.err
+    assert (current.code, filled.code) == (REFUSED, REFUSED)
+    assert "empty: expected a new folder, found this one" in current.err
+    assert "expected a new or an empty folder" in filled.err
     assert (folder / "manifest.jsonl").is_file()
 
 

@@ -65,7 +65,8 @@ class ResponseCollector:
             (
                 path
                 for method, path, _ in self.models
-                if method == request[0] and re.fullmatch(_pattern(path), request[1])
+                if method == request[0]
+                and re.fullmatch(re.sub(r"{\w+}", "[^/]+", path), request[1])
             ),
             key=lambda path: path.count("{"),
         )
@@ -86,10 +87,6 @@ def _model(content: Any) -> type[ResponseModel]:
 def _name(schema: Any) -> str:
     name: str = schema["$ref"].rpartition("/")[2]
     return name
-
-
-def _pattern(path: str) -> str:
-    return re.sub(r"{\w+}", "[^/]+", path)
 
 
 @pytest.fixture

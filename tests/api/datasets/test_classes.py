@@ -162,6 +162,12 @@ def test_class_without_boxes_is_removed(api):
     assert api.json(f"/datasets/{name}")["classes"] == ["car", "van"]
     api.upload_frame(name, "b", boxes_named("bus"))
     assert api.json(f"/datasets/{name}")["classes"] == ["car", "bus", "van"]
+    run = changed(api, name, "car", name="auto")
+    entries = api.json("/audit", limit=2)["items"]
+    assert [entry["details"] for entry in entries] == [
+        {"changed": ["classes"], "name": "auto", "former": "car", "run": run["id"]},
+        {"changed": ["classes"], "removed": "bus"},
+    ]
 
 
 def boxes_of(*classes):
@@ -233,26 +239,24 @@ def test_only_a_format_with_class_numbers_freezes_the_classes(api, form, is_froz
         assert (response.status_code, removed.status_code) == (202, 204)
 
 
-@pytest.mark.parametrize(
-    ("former", "body", "status", "code"),
-    [
-        ("car", {"name": "bus"}, 409, "class_exists"),
-        ("car", {"merge_into": "car"}, 409, "same_class"),
-        ("car", {"merge_into": "bsu"}, 404, "not_found"),
-        ("cra", {"name": "auto"}, 404, "not_found"),
-        ("car", {"name": "auto", "merge_into": "bus"}, 422, "invalid_request"),
-        ("car", {}, 422, "invalid_request"),
-    ],
+IMPOSSIBLE = (
+    ("car", {"name": "bus"}, 409, "class_exists"),
+    ("car", {"merge_into": "car"}, 409, "same_class"),
+    ("car", {"merge_into": "bsu"}, 404, "not_found"),
+    ("cra", {"name": "auto"}, 404, "not_found"),
+    ("car", {"name": "auto", "merge_into": "bus"}, 422, "invalid_request"),
+    ("car", {}, 422, "invalid_request"),
 )
-def test_change_that_cannot_be_made_is_refused(api, former, body, status, code):
+
+
+def test_change_that_cannot_be_made_is_refused(api):
     name = api.dataset(classes=["car", "bus"])
-
-    response = change(api, name, former, **body)
-
-    assert (response.status_code, response.json()["code"]) == (status, code)
-    if status == 404:
-        meant = "car" if former == "cra" else "bus"
-        assert f"did you mean '{meant}'?" in response.json()["detail"]
+    for former, body, status, code in IMPOSSIBLE:
+        response = change(api, name, former, **body)
+        assert (response.status_code, response.json()["code"]) == (status, code), body
+        if status == 404:
+            meant = "car" if former == "cra" else "bus"
+            assert f"did you mean '{meant}'?" in response.json()["detail"]
 
 
 def test_classes_that_were_renamed_or_removed_count_as_well(api):
@@ -274,19 +278,6 @@ def test_classes_that_were_renamed_or_removed_count_as_well(api):
         assert "2 of them were renamed or removed" in problem["detail"]
     assert reused.status_code == 201
     assert api.json(f"/datasets/{name}")["classes"][7:9] == ["class 7", "class 8"]
-
-
-def test_changes_of_classes_are_in_the_audit_log(api):
-    name = api.dataset(classes=["Caar", "bus"])
-
-    run = changed(api, name, "Caar", name="car")
-    api.delete(f"/datasets/{name}/classes/bus")
-    entries = api.json("/audit", limit=2)["items"]
-
-    assert [entry["details"] for entry in entries] == [
-        {"changed": ["classes"], "removed": "bus"},
-        {"changed": ["classes"], "name": "car", "former": "Caar", "run": run["id"]},
-    ]
 
 
 def test_while_a_run_renames_nothing_may_depend_on_numbers(serve):

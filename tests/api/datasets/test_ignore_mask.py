@@ -4,7 +4,6 @@ import re
 from base64 import b64encode
 
 import numpy as np
-import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
@@ -22,43 +21,30 @@ def base64_png(pixels: np.ndarray) -> str:
 FULL_MASK = np.full((scene.HEIGHT, scene.WIDTH), 255, np.uint8)
 
 
-def test_ignore_mask_can_be_a_png(api):
-    dataset = api.dataset(ignore_mask={"png": base64_png(FULL_MASK)})
+def test_ignore_mask_can_be_a_png_of_the_size_of_the_frames(api):
+    fitting, other = (
+        api.dataset(ignore_mask={"png": base64_png(mask)})
+        for mask in (FULL_MASK, FULL_MASK[1:])
+    )
 
-    decisions = api.upload_frame(dataset, "a")["decisions"]
+    decisions = api.upload_frame(fitting, "a")["decisions"]
+    problem = api.put(other, "a").json()
 
     assert {each["reason"] for each in decisions} == {"no_visible_pixels"}
-    assert api.json(f"/datasets/{dataset}")["has_ignore_mask"] is True
-
-
-def test_frame_is_refused_if_the_ignore_mask_has_another_size(api):
-    dataset = api.dataset(ignore_mask={"png": base64_png(FULL_MASK[1:])})
-
-    problem = api.put(dataset, "a").json()
-
+    assert api.json(f"/datasets/{fitting}")["has_ignore_mask"] is True
     assert problem["code"] == "image_size_mismatch"
     assert problem["detail"].startswith("frame a: ")
     assert problem["errors"][0]["pointer"] == "/ignore_mask"
 
 
-@pytest.mark.parametrize(
-    "mask",
-    [
-        pytest.param({}, id="neither form"),
-        pytest.param({"png": None}, id="null"),
-        pytest.param({"png": "%"}, id="not base64"),
-        pytest.param({"png": b64encode(b"GIF89a").decode()}, id="not a picture"),
-        pytest.param(
-            {"png": base64_png(FULL_MASK), "polygons": [[[0, 0], [9, 0], [9, 9]]]},
-            id="both forms",
-        ),
-    ],
-)
-def test_invalid_ignore_mask_is_refused(api, mask):
-    response = api.post("/datasets", {"name": "masked", "ignore_mask": mask})
-
-    assert (response.status_code, response.json()["code"]) == (422, "invalid_request")
-    assert response.json()["errors"][0]["pointer"].startswith("/ignore_mask")
+def test_invalid_ignore_mask_is_refused(api):
+    picture, no_picture = base64_png(FULL_MASK), b64encode(b"GIF89a").decode()
+    both = {"png": picture, "polygons": [[[0, 0], [9, 0], [9, 9]]]}
+    for mask in ({}, {"png": None}, {"png": "%"}, {"png": no_picture}, both):
+        response = api.post("/datasets", {"name": "masked", "ignore_mask": mask})
+        refusal = (response.status_code, response.json()["code"])
+        assert refusal == (422, "invalid_request"), mask
+        assert response.json()["errors"][0]["pointer"].startswith("/ignore_mask")
 
 
 def test_ignore_mask_is_read_only_where_pixels_are_measured(serve):

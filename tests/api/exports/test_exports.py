@@ -44,7 +44,7 @@ def run_export(api, dataset, form="yolo", **options):
     return api.wait_for_job(response)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def export(api, dataset):
     return run_export(api, dataset)
 
@@ -54,26 +54,22 @@ def download(api, export, **headers):
 
 
 def test_export_has_progress_size_digest_and_counts(api, dataset, export):
+    """An export of the same state gives the same file."""
+    again = run_export(api, dataset)
+    other = run_export(api, dataset, images="none")
+
     assert (export["state"], export["done"], export["total"]) == (
         *("done", FRAMES),
         FRAMES,
     )
     content = download(api, export).content
-    assert (len(content), hashlib.sha256(content).hexdigest()) == (
-        export["size_bytes"],
-        export["sha256"],
-    )
+    digest = hashlib.sha256(content).hexdigest()
+    assert (len(content), digest) == (export["size_bytes"], export["sha256"])
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         assert archive.testzip() is None
         manifest = json.loads(archive.read("manifest.json"))
     assert manifest["counts"] == export["counts"]
     assert (manifest["dataset"], manifest["frames"]) == (dataset, FRAMES)
-
-
-def test_export_of_the_same_state_gives_the_same_file(api, dataset, export):
-    again = run_export(api, dataset)
-    other = run_export(api, dataset, images="none")
-
     assert again["id"] != export["id"]
     assert again["sha256"] == export["sha256"] != other["sha256"]
 
@@ -128,30 +124,34 @@ def test_download_resumes_with_a_byte_range(api, export):
     assert last.content == whole.content[-10:]
 
 
-def test_queued_export_waits_and_can_be_cancelled(serve):
+def test_queued_export_waits_and_can_be_cancelled_but_not_deleted(serve):
     service = serve()
     with service.admin() as http:
         api = Api(http)
-        dataset = api.dataset()
-        api.upload_frame(dataset, "a")
+        dataset = api.dataset_of_one_frame()
         with block_jobs(service.app.state.services.engine):
             run = api.post(f"/datasets/{dataset}/runs", {"config": CARS_ARE_SKY})
             response = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
             url = response.headers["location"]
             early = http.get(f"{url}/download")
 
+            refused = http.delete(url)
             cancelled = http.post(f"{url}/cancel")
             again = http.post(f"{url}/cancel")
         following = run_export(api, dataset)
         ran, ended = api.wait_for_job(run), http.get(url)
+        deleted = http.delete(url)
 
     assert (early.status_code, early.json()["code"]) == (409, "export_not_done")
+    assert (refused.status_code, refused.json()["code"]) == (409, "export_open")
+    assert "is queued; cancel it first" in refused.json()["detail"]
     assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
     assert_matches_model(wire.Export, cancelled.json())
     assert (again.status_code, again.json()["code"]) == (409, "export_over")
     assert (following["state"], following["done"]) == ("done", 1)
     assert ran["state"] == "done"
     assert ended.json() == cancelled.json()
+    assert deleted.status_code == 204
 
 
 def test_short_export_does_not_wait_for_a_long_job(serve):
@@ -191,32 +191,26 @@ def create_download_link(api, export):
     return api.http.base_url.join(response.json()["url"]), response
 
 
-def test_download_link_returns_the_file_without_a_token(api, export):
+def test_download_link_returns_the_file_of_one_export_without_a_token(
+    api, dataset, export
+):
+    other = run_export(api, dataset)
     url, response = create_download_link(api, export)
     ends = datetime.fromisoformat(response.json()["expires_at"])
 
     whole = plain_http.get(url)
     rest = plain_http.get(url, headers={"Range": "bytes=100-"})
+    wrong = plain_http.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
+    key = {"Authorization": f"Bearer {url.params['key']}"}
+    elsewhere = plain_http.get(api.http.base_url.join("/version"), headers=key)
 
     assert response.headers["cache-control"] == "no-store"
     assert timedelta(0) < ends - datetime.now(timezone.utc) <= timedelta(minutes=5)
     assert hashlib.sha256(whole.content).hexdigest() == export["sha256"]
     assert "attachment" in whole.headers["content-disposition"]
     assert (rest.status_code, rest.content) == (206, whole.content[100:])
-
-
-def test_download_link_is_valid_for_one_export_only(api, dataset, export):
-    other = run_export(api, dataset)
-    url, _ = create_download_link(api, export)
-
-    response = plain_http.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
-
-    assert (response.status_code, response.json()["code"]) == (401, "link_over")
-    key = {"Authorization": f"Bearer {url.params['key']}"}
-    assert (
-        plain_http.get(api.http.base_url.join("/version"), headers=key).status_code
-        == 401
-    )
+    assert (wrong.status_code, wrong.json()["code"]) == (401, "link_over")
+    assert elsewhere.status_code == 401
 
 
 def test_download_link_expires_and_ends_with_its_revoked_token(server, api, export):
@@ -285,23 +279,6 @@ def test_deleted_export_is_gone_with_its_file(serve):
         )
         assert audit["details"] == {"dataset": name, "format": "yolo"}
         assert api.get(f"/frames/{frames['id']}/image").status_code == 200
-
-
-def test_open_export_is_not_deleted(serve):
-    service = serve(workers=1)
-    with service.admin() as http:
-        api = Api(http)
-        name = api.dataset_of_one_frame()
-        with block_jobs(service.app.state.services.engine):
-            queued = api.post(f"/datasets/{name}/exports", {"format": "yolo"}).json()
-
-            refused = api.delete(f"/exports/{queued['id']}")
-            cancelled = api.post(f"/exports/{queued['id']}/cancel")
-            deleted = api.delete(f"/exports/{queued['id']}")
-
-    assert (refused.status_code, refused.json()["code"]) == (409, "export_open")
-    assert "is queued; cancel it first" in refused.json()["detail"]
-    assert (cancelled.status_code, deleted.status_code) == (202, 204)
 
 
 def removed(api, export):

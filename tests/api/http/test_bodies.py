@@ -1,7 +1,7 @@
 """Every route limits the size of its body, with or without a Content-Length."""
 
-import re
 from contextlib import suppress
+from itertools import product
 
 import pytest
 from fastapi.routing import APIRoute
@@ -11,7 +11,12 @@ from app.http.routing import ApiRoute, OpenRoute
 from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
-from tests.support.connections import open_connection, read_until_closed, request_head
+from tests.support.connections import (
+    open_connection,
+    read_response,
+    read_until_closed,
+    request_head,
+)
 from tests.support.live import live
 from tests.support.routes import every_route, fill_path, operations, values_of_paths
 
@@ -65,82 +70,57 @@ def head(service, method, path, headers):
     return request_head(method, fill_path(path, VALUES), service.bearer | headers)
 
 
-def read_response(connection) -> bytes:
-    """Read a response: its head, and its body if the head says how long that is.
+def send_to_every_route(service, framing, content=lambda route: b""):
+    """Send this to every route, with and without an idempotency key.
 
-    The two may arrive one after the other.
+    Gives the method, path and route, and the status, the headers and the body of the
+    response. The server answers others before it has all of the body.
     """
-    received, whole = b"", 0
-    while b"\r\n\r\n" not in received or len(received) < whole:
-        piece = connection.recv(65536)
-        assert piece, received
-        received += piece
-        before, _, _ = received.partition(b"\r\n\r\n")
-        if length := re.search(rb"\r\ncontent-length: (\d+)", before.lower()):
-            whole = len(before) + len(b"\r\n\r\n") + int(length[1])
-    return received
+    with service.client() as client:
+        for (method, path, route), is_keyed in product(OPERATIONS, (False, True)):
+            headers = dict(framing(route))
+            media_type = STARTS.get(setting_of(route), (b"", "application/json"))[1]
+            headers["Content-Type"] = media_type
+            if is_keyed:
+                headers["Idempotency-Key"] = f"{method}-{abs(hash(path))}"
+            with open_connection(service.url) as connection:
+                connection.sendall(head(service, method, path, headers))
+                connection.sendall(content(route))
+                assert client.get("/healthz").status_code == 200, (method, path)
+                yield (method, path, route), read_response(connection)
 
 
-def is_alive(service, client):
-    return client.get("/healthz").status_code == 200
+def test_too_large_content_length_is_refused_before_the_body_is_read(service):
+    def framing(route):
+        return {"Content-Length": limit_of(route) + 1}
+
+    for (_, path, route), response in send_to_every_route(service, framing):
+        if path == "/":  # the page ignores the body of a request
+            assert response[0] == 200
+        else:
+            assert_too_large(response, route)
 
 
-@pytest.mark.parametrize("keyed", [False, True], ids=["", "with a key"])
-@pytest.mark.parametrize(
-    ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
-)
-def test_too_large_content_length_is_refused_before_the_body_is_read(
-    service, anonymous, method, path, route, keyed
-):
-    limit = limit_of(route)
-    headers: dict[str, object] = {"Content-Length": limit + 1}
-    media_type = STARTS.get(setting_of(route), (b"", "application/json"))[1]
-    headers["Content-Type"] = media_type
-    if keyed:
-        headers["Idempotency-Key"] = f"{method}-{abs(hash(path))}"
-
-    with open_connection(service.url) as connection:
-        connection.sendall(head(service, method, path, headers))
-        assert is_alive(service, anonymous)
-        received = read_response(connection)
-
-    if path == "/":  # the page ignores the body of a request
-        assert received.startswith(b"HTTP/1.1 200 "), received
-        return
-    assert_too_large(received, limit)
-
-
-@pytest.mark.parametrize("keyed", [False, True], ids=["", "with a key"])
-@pytest.mark.parametrize(
-    ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
-)
-def test_chunked_body_is_read_only_up_to_its_limit(
-    service, anonymous, method, path, route, keyed
-):
+def test_chunked_body_is_read_only_up_to_its_limit(service):
     """The body is never ended: a server that read past the limit would never answer."""
-    limit = limit_of(route)
-    name = setting_of(route)
-    start, media_type = STARTS.get(name, (b"[", "application/json"))
-    body = start.ljust(limit + 1)
-    headers = {"Transfer-Encoding": "chunked", "Content-Type": media_type}
-    if keyed:
-        headers["Idempotency-Key"] = f"c-{method}-{abs(hash(path))}"
 
-    with open_connection(service.url) as connection:
-        connection.sendall(head(service, method, path, headers))
-        connection.sendall(b"%x\r\n%b\r\n" % (len(body), body))
-        assert is_alive(service, anonymous)
-        received = read_response(connection)
+    def chunk_over_the_limit(route):
+        start, _ = STARTS.get(setting_of(route), (b"[", ""))
+        body = start.ljust(limit_of(route) + 1)
+        return b"%x\r\n%b\r\n" % (len(body), body)
 
-    if name not in ("", "max_batch_bytes"):
-        assert_too_large(received, limit)
-        assert b"connection: close" in received.lower()
+    chunked = {"Transfer-Encoding": "chunked"}
+    sent = send_to_every_route(service, lambda _: chunked, chunk_over_the_limit)
+    for (_, _, route), response in sent:
+        if setting_of(route) not in ("", "max_batch_bytes"):
+            assert_too_large(response, route)
+            assert response[1]["connection"] == "close"
 
 
-def assert_too_large(received, limit):
-    assert received.startswith(b"HTTP/1.1 413 "), received
-    assert b'"too_large"' in received
-    assert str(limit).encode() in received
+def assert_too_large(response, route):
+    status, _, body = response
+    assert (status, b'"too_large"' in body) == (413, True), (route.path, response)
+    assert str(limit_of(route)).encode() in body
 
 
 def pieces(total):

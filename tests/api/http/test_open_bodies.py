@@ -3,7 +3,7 @@
 import gc
 import json
 import tracemalloc
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from uuid import uuid4
 
 import pytest
@@ -13,7 +13,7 @@ from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.archives import END, header_of, lines_of, send, tar_without_end
 from tests.support.archives import frame as members_of
-from tests.support.connections import open_connection, request_head
+from tests.support.connections import open_connection, read_response, request_head
 from tests.support.live import live
 from tests.support.waiting import until
 
@@ -74,25 +74,7 @@ class Sender:
         self.socket.sendall(content)
 
     def answer(self):
-        """Read one answer: its status, its headers and its body."""
-        received = b""
-        while b"\r\n\r\n" not in received:
-            received += self._more()
-        head, _, body = received.partition(b"\r\n\r\n")
-        lines = head.decode().lower().split("\r\n")
-        headers = dict(line.split(": ", 1) for line in lines[1:])
-        while not (
-            body.endswith(b"\r\n0\r\n\r\n")
-            if "transfer-encoding" in headers
-            else len(body) >= int(headers["content-length"])
-        ):
-            body += self._more()
-        return int(lines[0].split()[1]), headers, body
-
-    def _more(self):
-        piece = self.socket.recv(65536)
-        assert piece
-        return piece
+        return read_response(self.socket)
 
     def close(self):
         self.socket.close()
@@ -157,20 +139,16 @@ def test_bytes_of_a_chunked_body_are_counted_as_they_arrive(service, bearers, se
     until_counted(service, BODY)
 
 
-def test_small_bodies_are_accepted_at_the_open_body_limit(service, bearers, sender):
-    sender(bearers[0]).announce(BODY)
-    until_counted(service, BODY)
-
+def test_small_bodies_and_a_large_one_alone_are_accepted(service, bearers, sender):
     with service.client(Authorization=bearers[2]) as client:
+        alone = client.post("/probe/echo", content=b"x" * 800_000)
+        until_free(service)
+        sender(bearers[0]).announce(BODY)
+        until_counted(service, BODY)
+
+        assert alone.json() == 800_000
         assert client.post("/probe/echo", content=b"x" * 60_000).status_code == 200
         assert client.get("/healthz").status_code == 200
-
-
-def test_body_larger_than_the_limit_is_accepted_if_alone(service, bearers):
-    with service.client(Authorization=bearers[0]) as client:
-        sent = client.post("/probe/echo", content=b"x" * 800_000)
-
-    assert sent.json() == 800_000
 
 
 def disconnect(sender):
@@ -218,7 +196,7 @@ def test_counted_bytes_are_released_when_the_request_ends(
 PADDING = b"x" * (BODY // 2)
 
 
-def multipart_form(**parts):
+def form(**parts):
     """A multipart form of these parts: its media type, and its bytes."""
     lines = [
         b"--b\r\nContent-Disposition: form-data; name=%b\r\n\r\n%b\r\n"
@@ -231,75 +209,45 @@ def multipart_form(**parts):
 ANNOTATION = scene.as_json(scene.annotation())
 FRAME, BATCH = "/api/v1/datasets/street/frames/a", "/api/v1/datasets/street/batches"
 NOTE = json.dumps({"name": [PADDING.decode()]}).encode()
+JSON, FORM = "application/json", "multipart/form-data; boundary=b"
+WITH_PADDING = tar_without_end([("a.json", ANNOTATION), ("a.image.png", PADDING)]) + END
 REFUSED = {
-    "an image that is none": (
-        "PUT",
-        FRAME,
-        multipart_form(annotation=ANNOTATION, image=PADDING),
-    ),
-    "an annotation that is none": ("PUT", FRAME, multipart_form(annotation=PADDING)),
-    "a part of no meaning": (
-        "PUT",
-        FRAME,
-        multipart_form(annotation=b"{}", nothing=PADDING),
-    ),
-    "a part without a name": (
-        "PUT",
-        FRAME,
-        ("multipart/form-data; boundary=b", PADDING),
-    ),
-    "no JSON": ("POST", "/api/v1/datasets", ("application/json", PADDING)),
-    "JSON of another form": ("POST", "/api/v1/datasets", ("application/json", NOTE)),
-    "no tar": ("POST", BATCH, ("application/x-tar", PADDING)),
-    "a frame of a batch": (
-        "POST",
-        BATCH,
-        (
-            "application/x-tar",
-            tar_without_end([("a.json", ANNOTATION), ("a.image.png", PADDING)]) + END,
-        ),
-    ),
+    "an image that is none": (FRAME, *form(annotation=ANNOTATION, image=PADDING)),
+    "an annotation that is none": (FRAME, *form(annotation=PADDING)),
+    "a part of no meaning": (FRAME, *form(annotation=b"{}", nothing=PADDING)),
+    "a part without a name": (FRAME, FORM, PADDING),
+    "no JSON": ("/api/v1/datasets", JSON, PADDING),
+    "JSON of another form": ("/api/v1/datasets", JSON, NOTE),
+    "no tar": (BATCH, "application/x-tar", PADDING),
+    "a frame of a batch": (BATCH, "application/x-tar", WITH_PADDING),
 }
-
-
-@contextmanager
-def traced_memory_without_gc():
-    """Trace memory without the garbage collector, which may not run for minutes."""
-    gc.collect()
-    gc.disable()
-    tracemalloc.start()
-    try:
-        yield
-    finally:
-        tracemalloc.stop()
-        gc.enable()
 
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what):
-    method, path, (media_type, content) = REFUSED[what]
+    path, media_type, content = REFUSED[what]
+    headers = {"Content-Type": media_type, "Idempotency-Key": "k"}
+    headers["Content-Length"] = len(content)
+    method = "PUT" if path == FRAME else "POST"
     client = sender(bearers[0])
 
     def send():
-        client.begin(
-            {
-                "Content-Length": len(content),
-                "Content-Type": media_type,
-                "Idempotency-Key": "k",
-            },
-            method=method,
-            path=path,
-            sent=content,
-        )
+        client.begin(headers, method=method, path=path, sent=content)
         status, _, body = client.answer()
         assert status >= 400 or b'"refused":1' in body.replace(b" ", b""), body
         until_free(service)
 
     send()
-    with traced_memory_without_gc():
+    gc.collect()
+    gc.disable()  # the garbage collector may not run for minutes
+    tracemalloc.start()
+    try:
         for _ in range(6):
             send()
         kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+        gc.enable()
 
     # The connection may still hold the last body.
     assert kept // len(PADDING) < 4

@@ -1,9 +1,5 @@
 """GET changes nothing, and text from users is never sent as HTML."""
 
-import re
-
-import pytest
-
 from tests.support.filled_database import contents
 from tests.support.routes import REQUIRED_ROLES, fill_path
 
@@ -68,19 +64,17 @@ def test_only_the_page_and_the_api_docs_are_html(admin, path_values):
     assert with_markup >= 3
 
 
-@pytest.mark.parametrize("query", ["", "?callback=alert", "?jsonp=alert"])
-def test_error_with_markup_in_its_path_is_json(admin, query):
-    response = admin.get(f"/api/v1/datasets/{MARKUP}{query}")
-
-    assert response.headers["content-type"] == "application/problem+json"
-    assert response.status_code == (400 if query else 404)
-
-
-def test_accept_header_of_html_is_answered_with_json(admin, path_values):
-    accept = {"Accept": "text/html"}
-
+def test_markup_in_a_path_or_an_accept_header_of_html_is_answered_with_json(
+    admin, path_values
+):
+    for query, status in (("", 404), ("?callback=alert", 400), ("?jsonp=alert", 400)):
+        response = admin.get(f"/api/v1/datasets/{MARKUP}{query}")
+        assert response.headers["content-type"] == "application/problem+json"
+        assert response.status_code == status
     types = {
-        admin.get(path, headers=accept).headers["content-type"].partition(";")[0]
+        admin.get(path, headers={"Accept": "text/html"})
+        .headers["content-type"]
+        .partition(";")[0]
         for path in ("/api/v1/datasets", "/api/v1/datasets/street", "/no/such/page")
     }
 
@@ -94,4 +88,3 @@ def test_get_with_a_method_override_does_not_delete(admin, path_values):
 
     assert response.status_code == 200
     assert admin.get("/api/v1/datasets/street?_method=DELETE").status_code == 400
-    assert re.match(r"application/json", response.headers["content-type"])

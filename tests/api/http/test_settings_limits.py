@@ -51,7 +51,7 @@ TESTED_ELSEWHERE = {
     "test_connection_over_the_limit_returns_503_with_retry_after",
     "max_open_body_bytes": OPEN_BODIES,
     "max_open_batches": "tests/api/ingest/test_batches.py::"
-    "test_too_many_open_batches_return_429",
+    "test_too_many_open_batches_and_frames_over_their_limits_are_refused",
     "max_answers_per_box": "tests/api/review/test_reviews.py::"
     "test_one_person_answers_a_box_only_so_often",
     "max_export_bytes": "tests/api/exports/test_exports.py::"

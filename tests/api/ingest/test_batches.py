@@ -83,44 +83,39 @@ def test_batch_problem_equals_that_of_a_single_upload_and_is_listed(api):
     assert (problem["key"], problem["error"]["code"]) == ("run/bad", alone["code"])
 
 
-def test_problem_is_deleted_when_the_stored_content_is_sent_again(api):
+def test_problem_is_deleted_with_its_frame_or_when_the_stored_content_is_sent_again(
+    api,
+):
     dataset = api.dataset()
-    good = tar_archive(frame("a"))
-    send(api, dataset, good)
-    path = f"/datasets/{dataset}"
-    bad = send(api, dataset, tar_archive(frame("a", boxes=3)))
-    before = api.json(f"{path}/problems")["items"]
+    good, bad = tar_archive(frame("a")), tar_archive(frame("a", boxes=3))
 
-    send(api, dataset, good)
+    def keys_of_problems():
+        problems = api.json(f"/datasets/{dataset}/problems")["items"]
+        return [problem["key"] for problem in problems]
 
-    assert batch_results(bad)[0] == [("run/a", 422)]
-    assert [problem["key"] for problem in before] == ["run/a"]
-    assert api.json(f"{path}/problems")["items"] == []
-
-
-def test_problem_is_deleted_with_its_frame(api):
-    dataset = api.dataset()
-    send(api, dataset, tar_archive(frame("a")))
-    send(api, dataset, tar_archive(frame("a", boxes=3)))
-
-    api.delete(f"/datasets/{dataset}/frames/run/a")
-
-    assert api.json(f"/datasets/{dataset}/problems")["items"] == []
+    for solve in (
+        lambda: send(api, dataset, good),
+        lambda: api.delete(f"/datasets/{dataset}/frames/run/a"),
+    ):
+        send(api, dataset, good)
+        assert batch_results(send(api, dataset, bad))[0] == [("run/a", 422)]
+        assert keys_of_problems() == ["run/a"]
+        solve()
+        assert keys_of_problems() == []
 
 
-@pytest.mark.parametrize("replace", [False, True])
-def test_repeated_key_with_other_content_is_409_unless_replaced(api, replace):
-    dataset = api.dataset()
+def test_repeated_key_with_other_content_is_409_unless_replaced(api):
     members = frame("a") + frame("b", key="run/a", map="Town01") + frame("a")
 
-    parameters = {"replace": "true"} if replace else {}
-    statuses, _ = batch_results(send(api, dataset, tar_archive(members), **parameters))
-
-    assert [status for _, status in statuses] == (
-        [201, 201, 201] if replace else [201, 409, 200]
-    )
-    revision = api.json(f"/datasets/{dataset}/frames/run/a")["revision"]
-    assert revision == (3 if replace else 1)
+    for parameters, expected, last in (
+        ({}, [201, 409, 200], 1),
+        ({"replace": "true"}, [201, 201, 201], 3),
+    ):
+        dataset = api.dataset()
+        response = send(api, dataset, tar_archive(members), **parameters)
+        statuses, _ = batch_results(response)
+        assert [status for _, status in statuses] == expected
+        assert api.json(f"/datasets/{dataset}/frames/run/a")["revision"] == last
 
 
 def test_batch_reports_the_answers_that_replacing_a_frame_has_set_aside(api):
@@ -148,17 +143,21 @@ def test_frame_without_a_key_gets_its_file_name_as_key(api):
     assert statuses == [("town/7", 201)]
 
 
-def test_frame_with_a_new_class_does_not_fail_others_of_its_batch(api):
-    dataset = api.dataset()
+def test_frame_with_a_new_class_is_refused_alone_when_classes_are_frozen(api):
+    dataset = api.dataset(classes=["car"])
     batch_results(send(api, dataset, tar_archive(frame("a"))))
     assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
     dragon = [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]
 
     response = send(api, dataset, tar_archive(frame("b", boxes=dragon) + frame("c")))
+    described = api.json(f"/datasets/{dataset}")
 
     refused, stored, _ = lines_of(response.text)
     assert (refused["status"], refused["problem"]["code"]) == (422, "unknown_class")
+    assert "'dragon'" in refused["problem"]["detail"]
     assert stored["status"] == 201
+    assert (described["classes_frozen"], described["classes"]) == (True, ["car"])
+    assert described["counts"]["problems"] == 1
 
 
 def test_frames_of_a_batch_that_add_too_many_classes_do_not_fail_the_others(api):
@@ -213,22 +212,12 @@ def test_frames_before_the_damaged_part_of_an_archive_are_stored(api):
     assert (end["problem"]["code"], end["stored"]) == ("bad_archive", 1)
 
 
-def test_only_the_frames_over_their_limits_are_refused_in_a_batch(start_api):
-    _, api = start_api(UNGHOST_MAX_PART_BYTES="20000", UNGHOST_MAX_PARTS="3")
+def test_too_many_open_batches_and_frames_over_their_limits_are_refused(start_api):
+    limits = {"UNGHOST_MAX_PART_BYTES": "20000", "UNGHOST_MAX_PARTS": "3"}
+    server, api = start_api(UNGHOST_MAX_OPEN_BATCHES="1", **limits)
     dataset = api.dataset()
     large = [("large.json", frame("large")[0][1]), ("large.image.png", bytes(20001))]
     many = [*frame("many"), ("many.depth.png", b"x")]
-
-    statuses, _ = batch_results(
-        send(api, dataset, tar_archive(large + many + frame("z")))
-    )
-
-    assert statuses == [("large", 413), ("many", 413), ("run/z", 201)]
-
-
-def test_too_many_open_batches_return_429(start_api):
-    server, api = start_api(UNGHOST_MAX_OPEN_BATCHES="1")
-    dataset = api.dataset()
 
     with closing(Connection(server, dataset)) as connection:
         connection.send(tar_without_end(frame("a") + frame("b")))
@@ -238,9 +227,15 @@ def test_too_many_open_batches_return_429(start_api):
         connection.end()
         assert connection.line()["key"] == "run/b"
         assert connection.line()["end"] is True
+    statuses, _ = batch_results(
+        send(api, dataset, tar_archive(large + many + frame("z")))
+    )
+    metrics = api.http.get("/metrics").text
 
     assert (refused.status_code, "retry-after" in refused.headers) == (429, True)
-    assert batch_results(send(api, dataset, tar_archive(frame("c"))))[1]["stored"] == 1
+    assert statuses == [("large", 413), ("many", 413), ("run/z", 201)]
+    assert 'unghost_batch_frames_total{status="201"} 3' in metrics
+    assert 'unghost_batch_frames_total{status="413"} 2' in metrics
 
 
 def test_batch_with_a_cut_connection_leaves_only_complete_frames(api, server):
@@ -282,17 +277,6 @@ def test_unread_batch_response_applies_backpressure_to_the_upload(api, server):
         lines = [connection.line()["key"] for _ in range(200)]
 
     assert lines == [f"{number:05}" for number in range(200)]
-
-
-def test_metrics_count_batch_frames_by_status(start_api):
-    _, api = start_api()
-    dataset = api.dataset()
-
-    batch_results(send(api, dataset, tar_archive(frame("a") + frame("b", boxes=3))))
-
-    text = api.http.get("/metrics").text
-    assert 'unghost_batch_frames_total{status="201"} 1' in text
-    assert 'unghost_batch_frames_total{status="422"} 1' in text
 
 
 def test_idempotency_key_has_no_effect_on_a_batch(api):

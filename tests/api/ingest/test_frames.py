@@ -28,23 +28,20 @@ def test_same_frame_again_is_200_in_any_order_of_its_json_keys(api):
     assert again[0].headers["location"] == first.headers["location"]
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        {"annotation": scene.annotation_of(CAR)},
-        {"image": scene.image(1), "segmentation": scene.segmentation()},
-        {"image": scene.image()},
-    ],
-    ids=["boxes", "an image", "no segmentation"],
-)
-def test_other_content_of_the_same_frame_key_is_409(api, other):
+def test_other_content_of_the_same_frame_key_is_409(api):
     dataset = api.dataset()
     first = api.upload_frame(dataset, "a")
+    image, segmentation = scene.image(), scene.segmentation()
 
-    response = api.put(dataset, "a", **other)
-
-    assert (response.status_code, response.json()["code"]) == (409, "frame_conflict")
-    assert "?replace=true" in response.json()["detail"]
+    for other in (
+        {"annotation": scene.annotation_of(CAR)},
+        {"image": scene.image(1), "segmentation": segmentation},
+        {"image": image},
+    ):
+        response = api.put(dataset, "a", **other)
+        problem = response.json()
+        assert (response.status_code, problem["code"]) == (409, "frame_conflict"), other
+        assert "?replace=true" in problem["detail"]
     assert api.json(f"/frames/{first['frame']['id']}")["revision"] == 1
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 0
 
@@ -209,17 +206,28 @@ def keys(response):
 
 
 def test_listed_frame_has_its_counts_and_which_files_it_has(api):
-    dataset = api.dataset()
+    """Boxes without a segmentation count as unmeasured."""
+    dataset, image = api.dataset(), scene.image()
+    outside = {"id": "out", "class": "car", "xyxy": [70, 0, 80, 9]}
+    empty = api.upload_frame(dataset, "0", {"boxes": []}, image=image)
+    assert (empty["decisions"], empty["segmentation"]) == ([], None)
+    described = api.json(f"/datasets/{dataset}")
+    assert described["thumbnail_frame_id"] == empty["frame"]["id"]
+    api.upload_frame(dataset, "b", scene.annotation_of(CAR, outside), image=image)
+    stats = api.json(f"/datasets/{dataset}/stats")
     api.upload_frame(dataset, "a")
-    api.upload_frame(dataset, "b", scene.annotation_of(CAR), image=scene.image())
 
     listed = api.json(f"/datasets/{dataset}/frames")["items"]
 
+    assert stats["effective"] == {"kept": 0, "rejected": 1, "unmeasured": 1}
+    assert stats["by_reason"] == {"outside_image": 1, "no_segmentation": 1}
+    assert stats["to_review"] == 1
     names = ("boxes", "kept", "rejected", "unmeasured", "to_review")
     counts = [[item["counts"][name] for name in names] for item in listed]
-    assert counts == [[2, 1, 1, 0, 0], [1, 0, 0, 1, 1]]
+    assert counts == [[0, 0, 0, 0, 0], [2, 1, 1, 0, 0], [2, 0, 1, 1, 1]]
     files = [(item["has_image"], item["has_segmentation"]) for item in listed]
-    assert files == [(True, True), (True, False)]
+    assert files == [(True, False), (True, True), (True, False)]
+    assert api.put("nowhere", "a").status_code == 404
 
 
 @pytest.mark.parametrize("sort", ["key", "-key", "id", "-id"])
@@ -259,32 +267,3 @@ def test_frame_has_the_ids_of_the_previous_and_next_frame(api, town):
 
     assert [frame["previous_id"] for frame in around] == [None, *ids[:-1]]
     assert [frame["next_id"] for frame in around] == [*ids[1:], None]
-
-
-def test_frame_without_boxes_is_stored_and_missing_dataset_is_404(api):
-    dataset = api.dataset()
-
-    stored = api.upload_frame(dataset, "empty", {"boxes": []}, image=scene.image())
-
-    assert stored["decisions"] == []
-    assert stored["segmentation"] is None
-    assert (
-        api.json(f"/datasets/{dataset}")["thumbnail_frame_id"] == stored["frame"]["id"]
-    )
-    assert api.put("nowhere", "a").status_code == 404
-
-
-def test_boxes_without_segmentation_are_counted_as_unmeasured(api):
-    dataset = api.dataset()
-    outside = {"id": "out", "class": "car", "xyxy": [70, 0, 80, 9]}
-
-    api.upload_frame(
-        dataset, "a", scene.annotation_of(CAR, outside), image=scene.image()
-    )
-
-    stats = api.json(f"/datasets/{dataset}/stats")
-    assert stats["effective"] == {"kept": 0, "rejected": 1, "unmeasured": 1}
-    assert (stats["to_review"], stats["by_reason"]) == (
-        1,
-        {"outside_image": 1, "no_segmentation": 1},
-    )

@@ -26,11 +26,6 @@ def service(tmp_path_factory):
         yield running
 
 
-def with_chunk(png, extra):
-    """A valid PNG with one more chunk after its header."""
-    return png[:33] + extra + png[33:]
-
-
 def upload(client, key, image, name="a.png", media_type="image/png", **more):
     files = {
         "annotation": scene.as_json(scene.annotation()),
@@ -51,7 +46,10 @@ def stored(client, key, image, **how):
     [
         pytest.param(scene.image(1) + PAGE, id="a page behind the picture"),
         pytest.param(
-            with_chunk(scene.image(2), chunk(b"tEXt", b"Comment\0" + PAGE)),
+            # After its header, there is one more chunk.
+            scene.image(2)[:33]
+            + chunk(b"tEXt", b"Comment\0" + PAGE)
+            + scene.image(2)[33:],
             id="a page inside it",
         ),
     ],
@@ -109,12 +107,9 @@ def test_uploaded_file_name_is_never_used_as_a_path(service, admin, name):
     upload(admin, "named", scene.image(3), name=name.replace("\0", "%00"))
 
     assert outside_of_blobs(service) == before
-    blobs = [path for path in blobs_of(service) if path.is_file()]
-    assert all(set(path.name) <= set("0123456789abcdef") for path in blobs)
-
-
-def blobs_of(service):
-    return (service.settings.data / "blobs").rglob("*")
+    blobs = (service.settings.data / "blobs").rglob("*")
+    names = {path.name for path in blobs if path.is_file()}
+    assert all(set(name) <= set("0123456789abcdef") for name in names)
 
 
 def outside_of_blobs(service):

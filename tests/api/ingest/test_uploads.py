@@ -3,6 +3,11 @@
 import pytest
 
 
+@pytest.fixture(scope="module")
+def empty_dataset(api):
+    return api.dataset()
+
+
 @pytest.mark.parametrize(
     ("parts", "code"),
     [
@@ -15,9 +20,11 @@ import pytest
         pytest.param([("image", "x")], "missing_annotation", id="no annotation"),
     ],
 )
-def test_unknown_repeated_or_missing_part_of_a_frame_is_refused(api, parts, code):
+def test_unknown_repeated_or_missing_part_of_a_frame_is_refused(
+    api, empty_dataset, parts, code
+):
     files = [(name, (name, content)) for name, content in parts]
-    path = f"/api/v1/datasets/{api.dataset()}/frames/a"
+    path = f"/api/v1/datasets/{empty_dataset}/frames/a"
 
     response = api.http.put(path, files=files)
 
@@ -37,9 +44,9 @@ def test_unknown_repeated_or_missing_part_of_a_frame_is_refused(api, parts, code
     ],
 )  # fmt: skip
 def test_frame_body_that_is_not_a_multipart_form_is_refused(
-    api, headers, content, status, code
+    api, empty_dataset, headers, content, status, code
 ):
-    path = f"/api/v1/datasets/{api.dataset()}/frames/a"
+    path = f"/api/v1/datasets/{empty_dataset}/frames/a"
 
     response = api.http.put(path, headers=headers, content=content)
 
@@ -65,13 +72,11 @@ def test_frame_body_that_is_not_a_multipart_form_is_refused(
         pytest.param("x" * 513, id="513 characters"),
     ],
 )
-def test_invalid_frame_key_is_refused(api, key):
-    dataset = api.dataset()
-
-    response = api.put(dataset, key)
+def test_invalid_frame_key_is_refused(api, empty_dataset, key):
+    response = api.put(empty_dataset, key)
 
     assert (response.status_code, response.json()["code"]) == (422, "bad_key")
-    assert api.json(f"/datasets/{dataset}/frames")["items"] == []
+    assert api.json(f"/datasets/{empty_dataset}/frames")["items"] == []
 
 
 def test_frame_key_of_512_characters_is_accepted(api):

@@ -1,5 +1,7 @@
 """Depth, instances and order over HTTP: once measured, switched without pixels."""
 
+from itertools import product
+
 import cv2
 import numpy as np
 import pytest
@@ -41,25 +43,19 @@ def test_channels_are_measured_once_then_switched_without_pixels(api, dataset):
     assert box["evidence"] == "instance"
 
 
-def test_a_box_explained_by_a_nearer_one_names_it(api, dataset):
-    api.run(dataset, {"evidence": "ordered"})
-
-    box = far_box(api, dataset)
-
-    assert box["explained_by"] == "217"
-    assert (
-        box["explanation"]
-        == "rejected: its Car pixels belong to nearer boxes, above all car 217"
-    )
-
-
 def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):
-    for evidence in ("ordered", "semantic", "depth"):
+    """A box that is explained by a nearer one names it."""
+    api.run(dataset, {"evidence": "ordered"})
+    box = far_box(api, dataset)
+    for evidence in ("semantic", "depth"):
         api.run(dataset, {"evidence": evidence})
 
-    path = f"/boxes/{far_box(api, dataset)['box_id']}/history"
-    said = [(box["verdict"], box["reason"]) for box in api.json(path)["items"]]
+    path = f"/boxes/{box['box_id']}/history"
+    said = [(entry["verdict"], entry["reason"]) for entry in api.json(path)["items"]]
 
+    assert box["explained_by"] == "217"
+    words = "rejected: its Car pixels belong to nearer boxes, above all car 217"
+    assert box["explanation"] == words
     assert said == [
         ("rejected", "hidden_by_depth"),
         ("kept", "visible"),
@@ -103,26 +99,16 @@ def test_notes_on_depth_and_instances_are_in_the_report_of_an_upload(api):
     )
 
     response = api.upload_frame(name, "a", ANNOTATION, **sent)
+    repeated = api.upload_frame(name, "a", ANNOTATION, **sent)
+    bare = api.upload_frame(name, "b", ANNOTATION, depth=coarse_depth_file())
 
     swapped, unused = response["segmentation"]["notes"][-2:]
     assert swapped == "red and blue are swapped in the instance image; read as bgr"
     assert unused.startswith("depth is not used as evidence: ")
     assert [box["verdict"] for box in response["decisions"]] == ["kept", "rejected"]
     assert response["notes"] == response["segmentation"]["notes"][-2:]
-    repeated = api.upload_frame(name, "a", ANNOTATION, **sent)
     assert repeated["notes"] == []
-
-
-def test_notes_on_a_frame_without_segmentation_are_in_the_response(api):
-    name = api.dataset()
-    api.post(f"/datasets/{name}/configs", {"evidence": "auto"})
-    api.run(name, {"evidence": "auto"})
-
-    response = api.upload_frame(name, "a", ANNOTATION, depth=coarse_depth_file())
-
-    assert response["segmentation"] is None
-    (note,) = response["notes"]
-    assert note.startswith("depth is not used as evidence: ")
+    assert (bare["segmentation"], bare["notes"]) == (None, [unused])
 
 
 def test_changed_depth_encoding_needs_the_pixels(api):
@@ -142,19 +128,15 @@ def test_changed_depth_encoding_needs_the_pixels(api):
     assert "expected grey with 16 bits" in str(problem)
 
 
-def cloud(count=3):
-    """A point cloud of a semantic LiDAR, as a NumPy file."""
-    return npy(np.zeros((count, 6)))
+def test_incomplete_point_cloud_is_refused(api):
+    name, cloud = api.dataset(), npy(np.zeros((3, 6)))
 
-
-@pytest.mark.parametrize("kind", ["lidar", "radar"])
-@pytest.mark.parametrize("content", [b"ply\n", cloud()[:-1], cloud() + b"x"])
-def test_incomplete_point_cloud_is_refused(api, kind, content):
-    name = api.dataset()
-
-    response = api.put(name, "a", ANNOTATION, **files(**{kind: content}))
-
-    assert (response.status_code, response.json()["code"]) == (422, "bad_lidar")
-    assert response.json()["errors"][0]["pointer"] == f"/{kind}"
-    assert f"the {kind} file" in response.json()["detail"]
+    for kind, content in product(
+        ("lidar", "radar"), (b"ply\n", cloud[:-1], cloud + b"x")
+    ):
+        response = api.put(name, "a", ANNOTATION, **files(**{kind: content}))
+        refusal = (response.status_code, response.json()["code"])
+        assert refusal == (422, "bad_lidar"), (kind, content)
+        assert response.json()["errors"][0]["pointer"] == f"/{kind}"
+        assert f"the {kind} file" in response.json()["detail"]
     assert api.json(f"/datasets/{name}/frames")["items"] == []

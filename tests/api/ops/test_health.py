@@ -5,14 +5,10 @@ from importlib.metadata import version
 from tests.support.waiting import until
 
 
-def is_ready(response):
-    """What the service says of itself, if it is ready."""
-    return response.json() if response.status_code == 200 else None
-
-
 def test_healthz_and_readyz_of_a_running_service_are_ok(anonymous):
     # A service that the machine has just stopped for a second says so for a moment.
-    ready = until(lambda: is_ready(anonymous.get("/readyz")))
+    until(lambda: anonymous.get("/readyz").is_success)
+    ready = anonymous.get("/readyz").json()
 
     assert anonymous.get("/healthz").json() == {"status": "ok"}
     assert ready["ready"] is True

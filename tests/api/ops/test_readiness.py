@@ -10,7 +10,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.db.engine import Database
 from app.db.transient import takes_writes
 from tests.support import plain_http
-from tests.support.databases import change, empty_postgres, rows_of
+from tests.support.databases import change, migrated_postgres, rows_of
 from tests.support.mounts import read_only, small_disk
 from tests.support.servers import running_server
 from tests.support.waiting import until
@@ -190,30 +190,19 @@ def test_frequent_readyz_requests_do_not_write_each_time(server):
     until(is_written)
 
 
-def test_takes_writes_is_false_during_another_write_on_postgresql():
-    with empty_postgres() as url, closing(Database(url)) as database:
-        with database.engine.begin() as connection:
-            connection.exec_driver_sql(
-                "CREATE TABLE alembic_version (version_num text)"
-            )
-            connection.exec_driver_sql("INSERT INTO alembic_version VALUES ('1')")
-        with database.engine.connect() as other:
-            other.exec_driver_sql("UPDATE alembic_version SET version_num = '2'")
-            beside = takes_writes(database)
-        alone = takes_writes(database)
-
-    assert (beside, alone) == (False, True)
-
-
-def test_takes_writes_raises_on_a_read_only_postgresql():
-    with empty_postgres() as url:
-        name = url.rpartition("/")[2]
-        with closing(Database(url)) as database, database.engine.begin() as connection:
-            connection.exec_driver_sql(
-                "CREATE TABLE alembic_version (version_num text)"
-            )
-            connection.exec_driver_sql(
-                f"ALTER DATABASE {name} SET default_transaction_read_only = on"
-            )
+def test_takes_writes_is_false_during_another_write_and_raises_if_read_only():
+    with migrated_postgres() as url:
+        with closing(Database(url)) as database:
+            with database.engine.connect() as other:
+                other.exec_driver_sql("UPDATE alembic_version SET version_num = '2'")
+                beside = takes_writes(database)
+            alone = takes_writes(database)
+            name = url.rpartition("/")[2]
+            with database.engine.begin() as connection:
+                connection.exec_driver_sql(
+                    f"ALTER DATABASE {name} SET default_transaction_read_only = on"
+                )
         with closing(Database(url)) as database, pytest.raises(SQLAlchemyError):
             takes_writes(database)
+
+    assert (beside, alone) == (False, True)

@@ -26,12 +26,6 @@ from tests.support.waiting import until
 from unghost import find_server
 
 
-def note_path(server):
-    port = server.url.rpartition(":")[2]
-    state = server.data.with_name(f"{server.data.name}-state")
-    return state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
-
-
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
     """A server that tests only look at, or that refuses to share what it uses."""
@@ -81,7 +75,9 @@ def exit_code_of_failed_start(data, log, **settings):
 
 
 def test_server_note_has_url_token_file_and_pid(running):
-    note = note_path(running)
+    port = running.url.rpartition(":")[2]
+    state = running.data.with_name(f"{running.data.name}-state")
+    note = state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
 
     assert json.loads(note.read_text()) == {
         "url": running.url,
@@ -91,76 +87,47 @@ def test_server_note_has_url_token_file_and_pid(running):
     assert stat.S_IMODE(note.stat().st_mode) == 0o600
 
 
-def test_find_server_finds_the_note_by_another_form_of_the_address(
-    start_server, tmp_path
-):
-    server = start_server(UNGHOST_HOST="0:0:0:0:0:0:0:1")
-    port = server.url.rpartition(":")[2]
-    state = server.data.with_name(f"{server.data.name}-state")
-    environ = {"HOME": str(tmp_path / "nobody"), "XDG_STATE_HOME": str(state)}
-
-    server_note = find_server(f"http://[::1]:{port}", environ=environ)
+def test_find_server_finds_the_note_by_another_form_of_the_address(data_dir, tmp_path):
+    with running_server(data_dir, {"UNGHOST_HOST": "0:0:0:0:0:0:0:1"}) as server:
+        port = server.url.rpartition(":")[2]
+        state = data_dir.with_name(f"{data_dir.name}-state")
+        environ = {"HOME": str(tmp_path / "nobody"), "XDG_STATE_HOME": str(state)}
+        server_note = find_server(f"http://[::1]:{port}", environ=environ)
+        notes = list(state.rglob("*.json"))
 
     assert server_note.token == server.token
-
-
-def test_server_note_is_deleted_at_shutdown(data_dir):
-    with running_server(data_dir) as server:
-        note = note_path(server)
-        assert note.exists()
-
-    assert not note.exists()
+    assert len(notes) == 1
+    assert list(state.rglob("*.json")) == [], "it is deleted at the shutdown"
 
 
 @pytest.mark.sqlite_files(SQLITE_ALONE)
-def test_second_server_of_a_data_folder_is_refused_with_the_address_of_the_first(
-    running, tmp_path
-):
-    log = tmp_path / "second.log"
-    same = running.url.rpartition(":")[2]
-
-    code = exit_code_of_failed_start(running.data, log, UNGHOST_PORT=same)
-
-    assert code == 1
-    assert log.read_text() == (
-        f"the data folder {str(running.data)!r} is in use by the server at "
-        f"{running.url}; use that one, or stop it first. --data chooses another "
-        "folder\n"
-    )
-    assert plain_http.get(f"{running.url}/healthz").status_code == 200
-
-
-@pytest.mark.sqlite_files(SQLITE_ALONE)
-def test_second_server_of_a_database_is_refused_whatever_its_data_folder(
-    running, tmp_path
-):
-    database, log = running.data / "unghost.db", tmp_path / "second.log"
-    link = tmp_path / "link.db"
+def test_second_server_of_a_data_folder_or_database_is_refused(running, tmp_path):
+    """It names the address of the first, and what to do."""
+    database, link = running.data / "unghost.db", tmp_path / "link.db"
     link.symlink_to(database)
+    own = tmp_path / "own.db"
+    same = running.url.rpartition(":")[2]
+    starts = {
+        "folder": (running.data, {"UNGHOST_PORT": same}),
+        "database": (tmp_path / "second", database_in(link)),
+        "folder with another database": (running.data, database_in(own)),
+    }
 
-    code = exit_code_of_failed_start(tmp_path / "second", log, **database_in(link))
+    said = {}
+    for name, (data, settings) in starts.items():
+        assert exit_code_of_failed_start(data, tmp_path / name, **settings) == 1
+        said[name] = (tmp_path / name).read_text()
 
-    assert code == 1
-    assert log.read_text() == (
-        f"the database {str(database)!r} is in use by the server at {running.url}; "
-        "use that one, or stop it first. UNGHOST_DATABASE_URL chooses another "
-        "database\n"
+    in_use = f"is in use by the server at {running.url}; use that one, or stop it first"
+    of_folder = f"the data folder {str(running.data)!r} {in_use}"
+    assert said["folder"] == f"{of_folder}. --data chooses another folder\n"
+    assert said["database"] == (
+        f"the database {str(database)!r} {in_use}. UNGHOST_DATABASE_URL chooses "
+        "another database\n"
     )
-
-
-@pytest.mark.sqlite_files(SQLITE_ALONE)
-def test_second_server_of_a_data_folder_is_refused_whatever_its_database(
-    running, tmp_path
-):
-    log = tmp_path / "second.log"
-
-    code = exit_code_of_failed_start(
-        running.data, log, **database_in(tmp_path / "own.db")
-    )
-
-    assert code == 1
-    assert f"the data folder {str(running.data)!r} is in use by" in log.read_text()
-    assert not (tmp_path / "own.db").exists()
+    assert said["folder with another database"].startswith(of_folder)
+    assert not own.exists()
+    assert plain_http.get(f"{running.url}/healthz").status_code == 200
 
 
 @pytest.mark.sqlite_files(SQLITE_ALONE)
@@ -215,23 +182,18 @@ def test_data_folder_of_a_killed_server_can_be_served_at_once(data_dir):
             wait_until_ready(second.url)
 
 
-def test_invalid_setting_is_named_without_its_value(tmp_path):
-    log = tmp_path / "log"
-
-    code = exit_code_of_failed_start(tmp_path / "data", log, UNGHOST_PORT="many")
-
-    assert code == 2
-    assert log.read_text().startswith("UNGHOST_PORT: ")
-    assert "many" not in log.read_text()
-
-
-def test_data_folder_that_is_a_file_fails_with_a_one_line_message(tmp_path):
+def test_invalid_setting_or_a_data_folder_that_is_a_file_fails_with_one_line(tmp_path):
+    setting, log = tmp_path / "setting", tmp_path / "log"
     (tmp_path / "data").write_text("not a folder")
-    log = tmp_path / "log"
 
-    code = exit_code_of_failed_start(tmp_path / "data", log)
+    codes = [
+        exit_code_of_failed_start(tmp_path / "new", setting, UNGHOST_PORT="many"),
+        exit_code_of_failed_start(tmp_path / "data", log),
+    ]
 
-    assert code == 1
+    assert codes == [2, 1]
+    assert setting.read_text().startswith("UNGHOST_PORT: ")
+    assert "many" not in setting.read_text()
     assert "File exists" in log.read_text()
     assert len(log.read_text().splitlines()) == 1
 
@@ -347,10 +309,13 @@ def test_of_two_servers_started_together_one_is_refused(tmp_path):
     assert "is in use by" in logs[refused[0]].read_text()
 
 
-def test_token_is_not_logged(running):
+def test_token_is_not_logged_and_a_line_break_in_a_path_is_escaped(running):
     plain_http.get(f"{running.url}/version?token={running.token}")
     plain_http.get(f"{running.url}/version", headers=running.headers)
+    plain_http.get(f"{running.url}/a%0A2026-01-01%20forged%1b[2J")
 
+    escaped = "/a\\u000a2026-01-01 forged\\u001b[2J"
+    until(lambda: escaped in [entry.get("path") for entry in entries_in(running.log)])
     until(lambda: running.log.read_text().count("GET /version ") == 2)
     assert running.token not in running.log.read_text()
 
@@ -371,13 +336,6 @@ def test_data_files_are_private_even_in_a_world_readable_folder(data_dir, tmp_pa
     assert {"unghost.db", "unghost.db-wal", "token", "blobs"} <= modes.keys()
     assert {name for name, mode in modes.items() if mode not in private} == set()
     assert again == 0o600
-
-
-def test_line_break_in_a_path_is_escaped_in_the_log(running):
-    plain_http.get(f"{running.url}/a%0A2026-01-01%20forged%1b[2J")
-
-    escaped = "/a\\u000a2026-01-01 forged\\u001b[2J"
-    until(lambda: escaped in [entry.get("path") for entry in entries_in(running.log)])
 
 
 def test_listening_socket_is_declared_as_tcp_for_no_delay():

@@ -20,7 +20,19 @@ def run_evaluation(api, dataset):
     return api.wait_for_job(api.post(f"/datasets/{dataset}/evaluations"))
 
 
-def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
+def test_evaluation_lists_channels_that_are_not_measured(api, dataset):
+    report = api.json(f"/datasets/{dataset}/evaluations")
+    quality = api.json(f"/datasets/{dataset}/quality", truth="instances")
+    unknown = api.get(f"/datasets/{dataset}/evaluations", truth="guess")
+
+    assert report["not_measured"] == CHANNELS
+    assert list(report["channels"]) == ["semantic"]
+    assert report["boxes"] == 0
+    assert (quality["confusion"]["f1"], quality["suggested"]) == (None, [])
+    assert unknown.status_code == 422
+
+
+def test_every_channel_is_measured_once_and_no_verdict_changes(api, dataset):
     before = api.verdicts(dataset)
 
     run = run_evaluation(api, dataset)
@@ -31,18 +43,9 @@ def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
     assert (report["truth"], report["frames"], report["boxes"]) == ("instances", 1, 2)
     assert report["not_measured"] == []
     kept = {name: scores["kept_hidden"] for name, scores in report["channels"].items()}
-    assert kept == {
-        "semantic": 1,
-        "ordered": 0,
-        "depth": 0,
-        "depth_center": 0,
-        "instance": 0,
-        "lidar": 1,
-    }
-    assert (
-        report["unfiltered"]["kept_visible"],
-        report["unfiltered"]["kept_hidden"],
-    ) == (1, 1)
+    assert kept == {**dict.fromkeys(CHANNELS, 0), "semantic": 1, "lidar": 1}
+    unfiltered = report["unfiltered"]
+    assert (unfiltered["kept_visible"], unfiltered["kept_hidden"]) == (1, 1)
     assert report["channels"]["lidar"]["judged"] == 0
     (worst,) = report["channels"]["semantic"]["worst"]
     ghost = next(box for box in api.boxes(dataset) if box["id"] == "218")
@@ -51,27 +54,18 @@ def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
     assert report["channels"]["depth"]["worst"] == []
     assert report["channels"]["depth"]["by_class"]["car"]["f1"]["value"] == 1
 
-
-def test_second_evaluation_measures_nothing_and_runs_need_no_pixels(api, dataset):
-    run_evaluation(api, dataset)
-
-    assert run_evaluation(api, dataset)["kind"] == "decide"
-    assert api.run(dataset, {"evidence": "depth"})["kind"] == "decide"
-    assert api.verdicts(dataset) == {"217": "kept", "218": "rejected"}
-
-
-def test_preview_of_measured_channels_needs_no_pixels(api, dataset):
-    run_evaluation(api, dataset)
-    path = f"/datasets/{dataset}/preview"
-
     previews = {
-        evidence: api.post(path, {"config": {"evidence": evidence}}).json()
+        evidence: api.post(
+            f"/datasets/{dataset}/preview", {"config": {"evidence": evidence}}
+        ).json()
         for evidence in ("semantic", "depth", "auto")
     }
-
     assert [preview["needs_pixels"] for preview in previews.values()] == [False] * 3
     assert previews["semantic"]["counts"]["kept"] == 2
     assert previews["depth"]["flips"]["kept_to_rejected"] == 1
+    assert run_evaluation(api, dataset)["kind"] == "decide"
+    assert api.run(dataset, {"evidence": "depth"})["kind"] == "decide"
+    assert api.verdicts(dataset) == {"217": "kept", "218": "rejected"}
 
 
 def test_preview_is_compared_with_instances_or_with_answers(api, dataset):
@@ -105,36 +99,13 @@ def test_evaluation_with_answers_of_people_as_truth(api, dataset):
         assert api.review(box["box_id"], answer).status_code == 201
 
     report = api.json(f"/datasets/{dataset}/evaluations", truth="people")
+    api.upload_frame(dataset, "b", ANNOTATION, **sensors())
+    later = api.json(f"/datasets/{dataset}/evaluations")
 
     assert report["boxes"] == 2
     assert report["channels"]["semantic"]["kept_hidden"] == 1
     assert report["channels"]["ordered"]["f1"]["value"] == 1
-
-
-def test_evaluation_lists_channels_that_are_not_measured(api, dataset):
-    report = api.json(f"/datasets/{dataset}/evaluations")
-
-    assert report["not_measured"] == CHANNELS
-    assert list(report["channels"]) == ["semantic"]
-    assert report["boxes"] == 0
-
-
-def test_frames_stored_after_an_evaluation_are_counted(api, dataset):
-    run_evaluation(api, dataset)
-    api.upload_frame(dataset, "b", ANNOTATION, **sensors())
-
-    report = api.json(f"/datasets/{dataset}/evaluations")
-
-    assert (report["frames"], report["boxes"]) == (2, 4)
-
-
-def test_too_coarse_depth_does_not_fail_an_evaluation(api, dataset):
-    grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
-    api.upload_frame(dataset, "coarse", ANNOTATION, **files(depth=grey))
-
-    run = run_evaluation(api, dataset)
-
-    assert run["state"] == "done"
+    assert (later["frames"], later["boxes"]) == (2, 4)
 
 
 def damage_png(png):
@@ -143,47 +114,35 @@ def damage_png(png):
     return png[:at] + bytes([png[at] ^ 0xFF]) + png[at + 1 :]
 
 
-def sensors_with(name, content):
-    return {**sensors(), name: content}
+GREY = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
+FAULTY = {
+    "NaN": ("lidar", npy(np.full((3, 6), np.nan)), "bad_lidar"),
+    "word": ("lidar", ascii_ply().replace(b"8.0", b"x.0"), "bad_lidar"),
+    "depth": ("depth", damage_png(sensors()["depth"]), "bad_image"),
+    "instances": ("instances", damage_png(sensors()["instances"]), "bad_image"),
+    "size": ("depth", depth_png(np.ones((3, 5))), "image_size_mismatch"),
+}
+"""By the frame's key: a file, what it has in it, and the code of the problem."""
 
 
-@pytest.mark.parametrize(
-    ("kind", "content", "code"),
-    [
-        pytest.param("lidar", npy(np.full((3, 6), np.nan)), "bad_lidar", id="NaN"),
-        pytest.param(
-            "lidar", ascii_ply().replace(b"8.0", b"x.0"), "bad_lidar", id="word"
-        ),
-        pytest.param("depth", damage_png(sensors()["depth"]), "bad_image", id="depth"),
-        pytest.param(
-            "instances", damage_png(sensors()["instances"]), "bad_image", id="instances"
-        ),
-        pytest.param(
-            "depth", depth_png(np.ones((3, 5))), "image_size_mismatch", id="size"
-        ),
-    ],
-)
-def test_invalid_sensor_file_is_a_problem_and_does_not_fail_the_run(
-    api, dataset, kind, content, code
-):
-    api.upload_frame(dataset, "bad", ANNOTATION, **sensors_with(kind, content))
+def test_invalid_sensor_files_are_problems_and_do_not_fail_the_run(api, dataset):
+    """Nor does depth that is too coarse, which is not even a problem."""
+    api.upload_frame(dataset, "coarse", ANNOTATION, **files(depth=GREY))
+    for key, (kind, content, _) in FAULTY.items():
+        api.upload_frame(dataset, key, ANNOTATION, **{**sensors(), kind: content})
 
     run = run_evaluation(api, dataset)
 
-    assert (run["state"], run["done"]) == ("done", 2)
-    (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
-    assert (problem["key"], problem["error"]["code"]) == ("bad", code)
-    assert problem["error"]["errors"][0]["pointer"] == f"/{kind}"
-    assert problem["error"]["detail"].startswith("frame bad: ")
-    api.upload_frame(dataset, "bad", ANNOTATION, **sensors(), replace=True)
-
+    assert (run["state"], run["done"]) == ("done", 2 + len(FAULTY))
+    problems = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert {problem["key"] for problem in problems} == FAULTY.keys()
+    for problem in problems:
+        (kind, _, code), error = FAULTY[problem["key"]], problem["error"]
+        assert error["code"] == code, problem
+        assert error["errors"][0]["pointer"] == f"/{kind}"
+        assert error["detail"].startswith(f"frame {problem['key']}: ")
+        api.upload_frame(dataset, problem["key"], ANNOTATION, **sensors(), replace=True)
     assert api.json(f"/datasets/{dataset}/problems")["items"] == []
-
-
-def test_an_unknown_truth_is_refused(api, dataset):
-    response = api.get(f"/datasets/{dataset}/evaluations", truth="guess")
-
-    assert response.status_code == 422
 
 
 def test_thresholds_are_suggested_from_instances_without_answers(api):
@@ -206,9 +165,3 @@ def test_thresholds_are_suggested_from_instances_without_answers(api):
     assert 722 / 4200 < car["suggested"] / 100 < 0.9
     assert car["f1_suggested"] == 1
     assert api.json(f"/datasets/{name}/quality")["suggested"] == []
-
-
-def test_quality_from_unmeasured_instances_is_empty(api, dataset):
-    quality = api.json(f"/datasets/{dataset}/quality", truth="instances")
-
-    assert (quality["confusion"]["f1"], quality["suggested"]) == (None, [])

@@ -55,17 +55,12 @@ def test_quality_without_answers_is_empty(api, dataset):
     assert (report["reviewed"], report["unsure"], report["unmeasured"]) == (0, 0, 0)
     assert confusion_counts(report["confusion"]) == [0, 0, 0, 0]
     assert report["confusion"]["f1"] is None
-    assert (report["by_class"], report["reviewers"], report["suggested"]) == (
-        {},
-        [],
-        [],
-    )
+    assert [report[name] for name in ("by_class", "reviewers", "suggested")] == [
+        *({}, [], [])
+    ]
     assert report["agreement"] == {
-        "boxes": 0,
-        "agreed": 0,
-        "percent": None,
-        "kappa": None,
-        "interval": None,
+        **dict.fromkeys(("boxes", "agreed"), 0),
+        **dict.fromkeys(("percent", "kappa", "interval")),
         "pairs": [],
     }
 
@@ -301,25 +296,16 @@ def test_thresholds_are_suggested_for_a_target_recall(api, dataset):
         quality(api, dataset, **query)["suggested"][0]["suggested"]
         for query in ({}, {"target": "recall", "recall": 0.5})
     ]
-    refused = api.get(f"/datasets/{dataset}/quality", target="luck")
+    of_recall = [{"target": "recall", "recall": recall} for recall in (0, 2)]
+    of_others = [{"recall": 0.5}, {"recall": 0.5, "target": "f1"}]
+    refused = [
+        api.get(f"/datasets/{dataset}/quality", **query)
+        for query in (*of_others, *of_recall, {"target": "luck"})
+    ]
 
     # More than half of the boxes to keep match completely.
     assert suggested[0] <= match < suggested[1]
-    assert refused.status_code == 422
-    for recall in (0, 2):
-        outside = api.get(
-            f"/datasets/{dataset}/quality", target="recall", recall=recall
-        )
-        assert outside.status_code == 422
-
-
-def test_recall_with_another_target_is_refused(api, dataset):
-    responses = [
-        api.get(f"/datasets/{dataset}/quality", **query)
-        for query in ({"recall": 0.5}, {"recall": 0.5, "target": "f1"})
-    ]
-
-    assert [response.status_code for response in responses] == [422, 422]
-    (fault,) = responses[0].json()["errors"]
+    assert [response.status_code for response in refused] == [422] * 5
+    (fault,) = refused[0].json()["errors"]
     assert fault["pointer"] == "/query/recall"
     assert "target=recall" in fault["detail"]

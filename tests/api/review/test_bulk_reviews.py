@@ -2,6 +2,7 @@
 
 import base64
 import json
+from itertools import product
 
 import pytest
 from sqlalchemy import insert
@@ -100,25 +101,20 @@ def test_bulk_answer_repeated_without_change_adds_nothing(
     assert answer("reject", "parked?").json()["count"] == 3  # an undo is no answer
 
 
-def test_undo_skips_boxes_answered_or_replaced_since(api, dataset, ghosts):
-    batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    api.review(ghosts[1], "reject", 1)
-    api.put(dataset, "2", {**scene.annotation(), "boxes": []}, replace=True)
-
-    undone = undo(api, batch).json()
-
-    assert undone == {"id": undone["id"], "undone": 1, "skipped": ghosts[1:]}
-    assert api.json(f"/boxes/{ghosts[1]}")["review"]["verdict"] == "reject"
-
-
-def test_an_undo_can_be_undone(api, dataset, ghosts):
+def test_undo_skips_boxes_answered_or_replaced_since_and_can_be_undone(
+    api, dataset, ghosts
+):
     batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     first = undo(api, batch).json()
+    second = undo(api, first["id"]).json()
+    assert (second["undone"], effective(api, dataset)) == (3, 6)
 
-    second = undo(api, first["id"])
+    api.review(ghosts[1], "reject", 3)
+    api.put(dataset, "2", {**scene.annotation(), "boxes": []}, replace=True)
 
-    assert second.json()["undone"] == 3
-    assert effective(api, dataset) == 6
+    undone = undo(api, second["id"]).json()
+    assert undone == {"id": undone["id"], "undone": 1, "skipped": ghosts[1:]}
+    assert api.json(f"/boxes/{ghosts[1]}")["review"]["verdict"] == "reject"
 
 
 def test_bulk_answer_on_a_filter_needs_its_snapshot_and_count(api, dataset):
@@ -138,73 +134,53 @@ def test_bulk_answer_on_a_filter_needs_its_snapshot_and_count(api, dataset):
     assert effective(api, dataset) == 6
 
 
-@pytest.mark.parametrize(
-    ("which", "status"),
-    [
-        ({}, 422),
-        ({"box_ids": [1], "filter": {}}, 422),
-        ({"box_ids": [0]}, 422),
-        ({"box_ids": ["x"]}, 422),
-        ({"box_ids": [1, 2], "expected_count": 1}, 409),
-        ({"box_ids": [1, 2], "seen_revisions": [0]}, 422),
-        ({"box_ids": [1, 1], "seen_revisions": [0, 1]}, 422),
-        ({"box_ids": [1], "seen_revisions": [-1]}, 422),
-        ({"box_ids": [1], "snapshot": "W10"}, 422),
-        ({"filter": {}, "expected_count": 0}, 422),
-        ({"filter": {}, "seen_revisions": []}, 422),
-        ({"filter": {}, "snapshot": ""}, 422),
-        ({"filter": {}, "snapshot": "W10"}, 422),
-        ({"filter": {}, "snapshot": "\u00fc"}, 422),
-        ({"filter": {}, "snapshot": "WyJ4IiwxZTk5OSwwLDAsMF0"}, 422),
-        ({"filter": {"colour": "blue"}, "snapshot": NO_BOXES}, 422),
-        ({"filter": {"reason": "magic"}, "snapshot": NO_BOXES}, 400),
-    ],
+NOT_ACCEPTED = (
+    ({}, 422),
+    ({"box_ids": [1], "filter": {}}, 422),
+    ({"box_ids": [0]}, 422),
+    ({"box_ids": ["x"]}, 422),
+    ({"box_ids": [1, 2], "expected_count": 1}, 409),
+    ({"box_ids": [1, 2], "seen_revisions": [0]}, 422),
+    ({"box_ids": [1, 1], "seen_revisions": [0, 1]}, 422),
+    ({"box_ids": [1], "seen_revisions": [-1]}, 422),
+    ({"box_ids": [1], "snapshot": "W10"}, 422),
+    ({"filter": {}, "expected_count": 0}, 422),
+    ({"filter": {}, "seen_revisions": []}, 422),
+    ({"filter": {}, "snapshot": ""}, 422),
+    ({"filter": {}, "snapshot": "W10"}, 422),
+    ({"filter": {}, "snapshot": "\u00fc"}, 422),
+    ({"filter": {}, "snapshot": "WyJ4IiwxZTk5OSwwLDAsMF0"}, 422),
+    ({"filter": {"colour": "blue"}, "snapshot": NO_BOXES}, 422),
+    ({"filter": {"reason": "magic"}, "snapshot": NO_BOXES}, 400),
 )
-def test_invalid_bulk_answer_is_refused(api, dataset, which, status):
-    response = bulk(api, dataset, "keep", **which)
 
-    assert response.status_code == status
+
+def test_invalid_bulk_answer_or_snapshot_is_refused(api, dataset):
+    for which, status in NOT_ACCEPTED:
+        assert bulk(api, dataset, "keep", **which).status_code == status, which
+    present = json.loads(base64.urlsafe_b64decode(snapshot(api, dataset) + "=="))
+    for place, number in product((1, 2, 3, 4), (-1, 2**63)):
+        values = [*present[:place], number, *present[place + 1 :]]
+        forged = base64.urlsafe_b64encode(json.dumps(values).encode()).decode()
+
+        response = bulk(api, dataset, "keep", filter={}, snapshot=forged)
+
+        refusal = (response.status_code, response.json()["code"])
+        assert refusal == (422, "bad_snapshot"), values
+        assert "one from the response of a list of boxes" in response.json()["detail"]
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 0
 
 
-@pytest.mark.parametrize("place", [1, 2, 3, 4])
-@pytest.mark.parametrize("number", [-1, 2**63])
-def test_snapshot_with_invalid_numbers_is_refused(api, dataset, place, number):
-    values = json.loads(base64.urlsafe_b64decode(snapshot(api, dataset) + "=="))
-    values[place] = number
-    forged = base64.urlsafe_b64encode(json.dumps(values).encode()).decode()
-
-    response = bulk(api, dataset, "keep", filter={}, snapshot=forged)
-
-    assert (response.status_code, response.json()["code"]) == (422, "bad_snapshot")
-    assert "one from the response of a list of boxes" in response.json()["detail"]
-
-
-def test_bulk_answer_with_a_too_long_dataset_name_is_refused(api):
-    too_long, longest = (
-        bulk(api, "x" * size, "keep", box_ids=[]) for size in (101, 100)
-    )
-
-    assert (too_long.status_code, longest.status_code) == (422, 404)
-    assert too_long.json()["errors"][0]["pointer"] == "/dataset"
-
-
 def test_a_bulk_answer_without_boxes_changes_nothing(api, dataset):
-    response = bulk(api, dataset, "keep", box_ids=[])
+    response, too_long, missing = (
+        bulk(api, name, "keep", box_ids=[]) for name in (dataset, "x" * 101, "x" * 100)
+    )
 
     assert (response.status_code, response.json()["count"]) == (201, 0)
     assert undo(api, response.json()["id"]).json()["undone"] == 0
     assert undo(api, 2**40).status_code == 404
-
-
-def test_history_has_the_size_of_a_bulk_answer_and_how_many_were_looked_at(
-    api, dataset, ghosts
-):
-    bulk(api, dataset, "reject", box_ids=ghosts, looked_at=1)
-
-    (entry, *_) = api.json(f"/boxes/{ghosts[0]}/history")["items"]
-
-    assert (entry["batch_size"], entry["looked_at"]) == (len(ghosts), 1)
+    assert (too_long.status_code, missing.status_code) == (422, 404)
+    assert too_long.json()["errors"][0]["pointer"] == "/dataset"
 
 
 def test_bulk_answer_by_ids_alone_skips_answered_boxes_as_stale(api, dataset, ghosts):
@@ -212,15 +188,15 @@ def test_bulk_answer_by_ids_alone_skips_answered_boxes_as_stale(api, dataset, gh
     api.review(ghosts[1], "reject")
     api.review(ghosts[1], "clear", 1)
 
-    batch = bulk(api, dataset, "reject", box_ids=[*ghosts, 2**62]).json()
+    ids = [*ghosts, 2**62]
+    batch = bulk(api, dataset, "reject", box_ids=ids, looked_at=1).json()
 
-    assert (batch["count"], batch["skipped"], batch["stale"]) == (
-        2,
-        [2**62],
-        ghosts[:1],
-    )
+    assert (batch["count"], batch["skipped"]) == (2, [2**62])
+    assert batch["stale"] == ghosts[:1]
     said = [api.json(f"/boxes/{box}")["review"]["verdict"] for box in ghosts]
     assert said == ["keep", "reject", "reject"]
+    (entry, *_) = api.json(f"/boxes/{ghosts[1]}/history")["items"]
+    assert (entry["batch_size"], entry["looked_at"]) == (2, 1)
 
 
 def test_bulk_answer_skips_boxes_answered_since_as_stale(api, dataset, ghosts):
@@ -338,13 +314,8 @@ def test_snapshot_of_another_filter_or_dataset_is_refused(api, dataset):
     assert {response.json()["code"] for response in wrong} == {"bad_snapshot"}
 
 
-@pytest.fixture
-def boxes_with_unseen_answer(service):
-    """A client, a dataset and its boxes.
-
-    The second box has an answer that its decision does not show yet, as if it came at
-    the same moment.
-    """
+def test_answer_that_came_at_the_same_moment_makes_others_stale(service):
+    """The second box has an answer that its decision does not show yet."""
     api = Api(service.admin())
     with api.http:
         name = api.dataset()
@@ -352,36 +323,19 @@ def boxes_with_unseen_answer(service):
         with service.app.state.database.write() as session:
             answer = {"box_id": boxes[1], "revision": 1, "verdict": "keep"}
             session.execute(insert(Review), {**answer, "reviewer": "ada"})
-        yield api, name, boxes
+        seen = snapshot(api, name)
 
+        single = api.review(boxes[1], "reject")
+        by_filter = bulk(api, name, "reject", filter={}, snapshot=seen)
+        unchanged = api.json(f"/boxes/{boxes[0]}")["review"]
+        listed = bulk(api, name, "reject", box_ids=boxes)
+        undone = undo(api, listed.json()["id"]).json()["undone"]
 
-def test_answer_at_an_old_revision_is_refused_as_stale(boxes_with_unseen_answer):
-    api, _, boxes = boxes_with_unseen_answer
-
-    late = api.review(boxes[1], "reject")
-
-    assert (late.status_code, late.json()["code"]) == (412, "stale_review")
-    assert "is at revision 1, you reviewed revision 0" in late.json()["detail"]
-
-
-def test_bulk_answer_skips_a_concurrently_answered_box_as_stale(
-    boxes_with_unseen_answer,
-):
-    api, name, boxes = boxes_with_unseen_answer
-
-    act = bulk(api, name, "reject", box_ids=boxes)
-
-    assert act.status_code == 201
-    assert (act.json()["count"], act.json()["stale"]) == (len(boxes) - 1, boxes[1:2])
-    assert undo(api, act.json()["id"]).json()["undone"] == len(boxes) - 1
-
-
-def test_bulk_answer_on_a_filter_is_all_or_nothing(boxes_with_unseen_answer):
-    api, name, boxes = boxes_with_unseen_answer
-    seen = snapshot(api, name)
-
-    act = bulk(api, name, "reject", filter={}, snapshot=seen)
-
-    assert (act.status_code, act.json()["code"]) == (412, "stale_snapshot")
-    assert act.json()["current"] == {"total": len(boxes), "snapshot": seen}
-    assert api.json(f"/boxes/{boxes[0]}")["review"] is None
+    assert (single.status_code, single.json()["code"]) == (412, "stale_review")
+    assert "is at revision 1, you reviewed revision 0" in single.json()["detail"]
+    assert (by_filter.status_code, by_filter.json()["code"]) == (412, "stale_snapshot")
+    assert by_filter.json()["current"] == {"total": len(boxes), "snapshot": seen}
+    assert unchanged is None
+    assert listed.status_code == 201
+    assert listed.json()["stale"] == boxes[1:2]
+    assert listed.json()["count"] == undone == len(boxes) - 1

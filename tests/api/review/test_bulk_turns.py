@@ -103,13 +103,11 @@ def test_single_answers_are_written_before_operations_on_many_boxes(
         assert many.result().is_success
 
     order = [statement for statement, _ in statements]
-    single = next(n for n, text in enumerate(order) if is_single_answer(text))
-    long = next(n for n, text in enumerate(order) if text.startswith(writes))
+    single, long = (
+        next(n for n, text in enumerate(order) if text.startswith(start))
+        for start in ("INSERT INTO reviews ", writes)
+    )
     assert single < long
-
-
-def is_single_answer(statement: str) -> bool:
-    return statement.startswith("INSERT INTO reviews ")
 
 
 def test_bulk_answer_inserts_its_reviews_with_one_statement(service, own_api, street):

@@ -8,11 +8,13 @@ LESSON = ["full", "walled", "partly", "gone", "behind"]
 
 
 def test_boxes_of_known_truth_are_for_people_who_have_answered_no_others(api):
-    dataset = api.dataset(coached=True)
+    """Datasets that do not say so coach nobody."""
+    dataset, plain = api.dataset(coached=True), api.dataset()
     frame = lesson()
     annotation = json.loads(frame.pop("annotation"))
     annotation["boxes"].append({"id": "far", "class": "car", "xyxy": [0, 0, 9, 9]})
-    api.upload_frame(dataset, "a", annotation=annotation, **frame)
+    for name in (dataset, plain):
+        api.upload_frame(name, "a", annotation=annotation, **frame)
     boxes = {box["id"]: box for box in api.json("/boxes", dataset=dataset)["items"]}
 
     taught = api.json(f"/datasets/{dataset}/coached")["items"]
@@ -20,17 +22,9 @@ def test_boxes_of_known_truth_are_for_people_who_have_answered_no_others(api):
     assert [bool(box["visible_pixels"]) for box in taught] == [
         *(True, False, True, False, False)
     ]
+    assert api.json(f"/datasets/{plain}/coached")["items"] == []
 
     api.review(boxes["full"]["box_id"], "reject", 0)
     assert api.json(f"/datasets/{dataset}/coached")["items"] != []
     api.review(boxes["far"]["box_id"], "reject", 0)
-    assert api.json(f"/datasets/{dataset}/coached")["items"] == []
-
-
-def test_datasets_coach_nobody_unless_they_say_so(api):
-    dataset = api.dataset()
-    frame = lesson()
-    annotation = json.loads(frame.pop("annotation"))
-    api.upload_frame(dataset, "a", annotation=annotation, **frame)
-
     assert api.json(f"/datasets/{dataset}/coached")["items"] == []

@@ -101,14 +101,12 @@ def test_second_cancel_returns_409_but_idempotency_key_replays_it(held):
         api.http.post(url, headers={"Idempotency-Key": "once"}) for _ in range(2)
     )
     other = api.http.post(url)
+    missing = api.post("/runs/999999/cancel")
 
+    assert missing.status_code == 404
     assert (first.status_code, again.status_code, other.status_code) == (202, 202, 409)
     assert first.json() == again.json()
     assert other.json()["detail"] == f"run {working} is cancelled already"
-
-
-def test_cancelling_a_missing_run_returns_404(api):
-    assert api.post("/runs/999999/cancel").status_code == 404
 
 
 def test_deleting_a_dataset_during_its_run_logs_no_failure(held, caplog):

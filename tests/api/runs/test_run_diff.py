@@ -92,22 +92,13 @@ def test_diff_pagination_returns_every_flip_once_by_match(api, dataset):
 
 
 def test_diff_omits_frames_that_only_one_run_has_measured(api, dataset):
-    first = first_run(api, dataset)
-    run = api.run(dataset, FROM_PIXELS)
+    first, empty = first_run(api, dataset), api.dataset()
+    run, of_none = (api.run(name, FROM_PIXELS)["id"] for name in (dataset, empty))
     api.upload_frame(dataset, "later")
 
-    diff = api.json(f"/runs/{run['id']}/diff", against=first)
-
-    assert diff["compared"] == 2
-    assert api.json(f"/runs/{run['id']}/diff", against=run["id"])["compared"] == 4
-
-
-def test_an_empty_dataset_has_no_flips(api):
-    dataset = api.dataset()
-    run = api.run(dataset, FROM_PIXELS)
-
-    diff = api.json(f"/runs/{run['id']}/diff")
-
+    assert api.json(f"/runs/{run}/diff", against=first)["compared"] == 2
+    assert api.json(f"/runs/{run}/diff", against=run)["compared"] == 4
+    diff = api.json(f"/runs/{of_none}/diff")
     assert (diff["total"], diff["compared"], diff["items"]) == (0, 0, [])
 
 

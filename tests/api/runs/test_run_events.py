@@ -40,62 +40,58 @@ def seen(tmp_path_factory):
         yield api, run_id, sent
 
 
-def test_run_events_show_progress_and_finish_with_the_end_event(seen):
+def test_run_events_show_progress_at_a_limited_rate_and_finish_with_the_end_event(seen):
     api, run_id, sent = seen
-    done = [event.data["done"] for event in sent]
+    done, last = [event.data["done"] for event in sent], sent[-1].data
 
     assert [event.name for event in sent][-2:] == ["progress", "end"]
     assert {event.name for event in sent[:-1]} == {"progress"}
     assert done == sorted(done)
     assert set(SHOWN) <= set(done)
-    assert sent[-1].data == api.json(f"/runs/{run_id}")
-    assert (sent[-1].data["state"], sent[-1].data["done"]) == ("done", FRAMES)
-
-
-def test_run_events_have_increasing_ids_and_a_limited_rate(seen):
-    _, _, sent = seen
+    assert last == api.json(f"/runs/{run_id}")
+    assert (last["state"], last["done"]) == ("done", FRAMES)
     numbers = [int(event.id) for event in sent]
-    last = sent[-1].data
+    assert numbers == sorted(set(numbers))
     times = (last[name].rstrip("Z") for name in ("created_at", "finished_at"))
     begun, ended = map(datetime.fromisoformat, times)
-
-    assert numbers == sorted(set(numbers))
     # By the server's times, since events may arrive late. Three may follow its end.
     assert len(sent) - 3 <= (ended - begun).total_seconds() / EVERY_S + 1
 
 
-def test_run_events_resume_after_last_event_id(seen):
+def test_run_events_resume_after_last_event_id_and_begin_again_after_an_unknown_one(
+    seen,
+):
     api, run_id, sent = seen
-    last = sent[-1]
+    url = f"{BASE}/runs/{run_id}/events"
 
     again = events(api, run_id, sent[-3].id)
-    url = f"{BASE}/runs/{run_id}/events"
-    over = api.http.get(url, headers={"Last-Event-ID": last.id})
+    over = api.http.get(url, headers={"Last-Event-ID": sent[-1].id})
 
     assert [event.id for event in again] == [event.id for event in sent[-2:]]
     assert (over.status_code, over.content) == (204, b"")
+    for unknown in ("", "-1", "soon", "9" * 40, "²"):
+        headers = {"Last-Event-ID": unknown.encode("latin-1")}
+        response = api.http.get(url, headers=headers)
+        assert response.text.count("event: ") == 2, unknown
+        assert f"id: {sent[-1].id}\n" in response.text
 
 
-@pytest.mark.parametrize("unknown", ["", "-1", "soon", "9" * 40, "²"])
-def test_unknown_last_event_id_restarts_the_run_events(seen, unknown):
-    api, run_id, sent = seen
-
-    headers = {"Last-Event-ID": unknown.encode("latin-1")}
-    response = api.http.get(f"{BASE}/runs/{run_id}/events", headers=headers)
-
-    assert response.text.count("event: ") == 2
-    assert f"id: {sent[-1].id}\n" in response.text
-
-
-def test_events_of_a_missing_run_return_404_and_no_stream(held):
+def test_run_events_follow_changes_of_the_row_by_another_process(held):
     server, api = held
-
     missing = api.get("/runs/999999/events")
     stranger = api.http.get(f"{BASE}/runs/1/events", headers={"Authorization": "none"})
-
     assert (missing.status_code, missing.json()["code"]) == (404, "not_found")
     assert stranger.status_code == 401
-    assert server.process.poll() is None
+
+    _, run_id = waiting_run(server, api)
+    wait_until_no_stream_is_open(api)
+    with open_events(api, run_id) as stream:
+        first = next(stream)
+        write_row(server, run_id, "failed")
+        *_, last = [event for event in stream if event.name]
+
+    assert (first.data["state"], first.id) == ("queued", "0")
+    assert (last.name, last.data["state"]) == ("end", "failed")
 
 
 @pytest.fixture(scope="module")
@@ -139,19 +135,6 @@ def wait_until_no_stream_is_open(api):
     """Wait until the server has noticed that earlier streams were closed."""
     none = "\nunghost_event_streams_open 0.0\n"
     until(lambda: none in api.http.get("/metrics").text, "a stream is open")
-
-
-def test_run_events_follow_changes_of_the_row_by_another_process(held):
-    server, api = held
-    _, run_id = waiting_run(server, api)
-    wait_until_no_stream_is_open(api)
-    with open_events(api, run_id) as stream:
-        first = next(stream)
-        write_row(server, run_id, "failed")
-        *_, last = [event for event in stream if event.name]
-
-    assert (first.data["state"], first.id) == ("queued", "0")
-    assert (last.name, last.data["state"]) == ("end", "failed")
 
 
 def test_event_stream_sends_heartbeats_until_its_token_is_revoked(held):

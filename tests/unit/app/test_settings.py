@@ -11,7 +11,9 @@ from app.settings import Settings
 from unghost.cli.options import settings_of
 
 
-def test_default_settings_serve_only_this_machine(tmp_path):
+def test_default_settings_serve_only_this_machine_and_are_immutable(
+    tmp_path, monkeypatch
+):
     settings = Settings()
 
     assert (settings.host, settings.port) == ("127.0.0.1", 8000)
@@ -19,6 +21,10 @@ def test_default_settings_serve_only_this_machine(tmp_path):
     assert settings.served_hosts == {"localhost", "127.0.0.1", "[::1]"}
     in_folder = Settings(data=tmp_path)
     assert in_folder.sqlalchemy_url == f"sqlite:///{tmp_path}/unghost.db"
+    with pytest.raises(ValidationError, match="frozen"):
+        settings.port = 1  # type: ignore[misc]  # that is the point
+    monkeypatch.setenv("UNGHOST_MAX_FAILED_LOGINS", "20")  # of earlier versions
+    assert Settings() == settings
 
 
 @pytest.mark.parametrize(
@@ -36,17 +42,6 @@ def test_environment_variables_are_parsed(monkeypatch, name, text, field, value)
     setting = getattr(Settings(), field)
 
     assert setting == (value if value is not None else ("a.example", "B.example"))
-
-
-def test_obsolete_environment_variable_is_ignored(monkeypatch):
-    monkeypatch.setenv("UNGHOST_MAX_FAILED_LOGINS", "20")
-
-    assert Settings() == Settings(data=Path("unghost-data"))
-
-
-def test_settings_are_immutable():
-    with pytest.raises(ValidationError, match="frozen"):
-        Settings().port = 1  # type: ignore[misc]  # that is the point
 
 
 @pytest.mark.parametrize(
@@ -104,25 +99,17 @@ def test_invalid_setting_is_refused_with_its_name_and_expected_value(
     assert "Value error" not in refused.value.message
 
 
-@pytest.mark.parametrize(
-    ("values", "name"),
-    [
-        ({"engine": "tls:/x"}, "--engine"),
-        ({"port": 99999}, "--port"),
-        ({"workers": 0}, "--threads"),
-        ({"engine": None}, "UNGHOST_ENGINE"),
-    ],
-)
-def test_invalid_setting_is_refused_with_the_name_of_its_option(
-    monkeypatch, values, name
-):
-    if name == "UNGHOST_ENGINE":
-        monkeypatch.setenv(name, "tls:/x")
+def test_invalid_setting_is_refused_with_the_name_of_its_option(monkeypatch):
+    def refusal(**values):
+        with pytest.raises(typer.BadParameter) as refused:
+            settings_of({"workers": "--threads"}, **values)
+        return refused.value.message
 
-    with pytest.raises(typer.BadParameter) as refused:
-        settings_of({"workers": "--threads"}, **values)
-
-    assert refused.value.message.startswith(f"{name}: ")
+    assert refusal(engine="tls:/x").startswith("--engine: ")
+    assert refusal(port=99999).startswith("--port: ")
+    assert refusal(workers=0).startswith("--threads: ")
+    monkeypatch.setenv("UNGHOST_ENGINE", "tls:/x")
+    assert refusal(engine=None).startswith("UNGHOST_ENGINE: ")
 
 
 def test_every_accepted_trusted_proxy_is_trusted_by_uvicorn():

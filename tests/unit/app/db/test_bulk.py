@@ -11,10 +11,8 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.bulk import COPY_FROM_ROWS, ROWS_AT_A_TIME, insert_rows, update_rows
 from app.db.engine import Database
-from app.db.migrate import migrate
 from app.db.tables import Dataset, Frame, FrameEvidence, Measurement
-from app.package import migrations_dir
-from tests.support.databases import migrated_postgres
+from tests.support.databases import migrated_file, migrated_postgres
 
 UNUSUAL_TEXTS = (
     "tab\there",
@@ -35,9 +33,9 @@ def database(request, tmp_path_factory) -> Iterator[Database]:
         with migrated_postgres() as url, closing(Database(url)) as database:
             yield database
         return
-    url = f"sqlite:///{tmp_path_factory.mktemp('bulk')}/bulk.db"
-    with closing(Database(url)) as database:
-        migrate(database.engine, migrations_dir())
+    file = tmp_path_factory.mktemp("bulk") / "bulk.db"
+    file.write_bytes(migrated_file())
+    with closing(Database(f"sqlite:///{file}")) as database:
         yield database
 
 

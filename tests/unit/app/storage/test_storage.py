@@ -61,7 +61,7 @@ def test_put_flushes_the_file_then_renames_it_then_flushes_the_folder(tmp_path, 
     ]
 
 
-@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
+@needs_proc
 def test_make_folder_flushes_the_parent_of_each_new_folder(tmp_path, calls):
     """A new folder is durable only after the folder that contains it was flushed."""
     make_folder(tmp_path / "a" / "b")
