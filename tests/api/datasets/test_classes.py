@@ -239,7 +239,7 @@ def test_only_a_format_with_class_numbers_freezes_the_classes(api, form, is_froz
         assert (response.status_code, removed.status_code) == (202, 204)
 
 
-IMPOSSIBLE = (
+IMPOSSIBLE: tuple[tuple[str, dict[str, str], int, str], ...] = (
     ("car", {"name": "bus"}, 409, "class_exists"),
     ("car", {"merge_into": "car"}, 409, "same_class"),
     ("car", {"merge_into": "bsu"}, 404, "not_found"),

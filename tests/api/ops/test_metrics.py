@@ -42,11 +42,11 @@ def test_requests_are_counted_by_route_and_status(serve):
         client.request("PROPFIND", "/nowhere")
         text, metrics = client.get("/metrics").text, scrape_metrics(client)
 
-    route = ("GET", "/probe/items/{item_id}")
-    assert metrics[("unghost_requests_total", *route, "200")] == 3
-    assert metrics[("unghost_requests_total", *route, "422")] == 1
-    assert metrics[("unghost_request_seconds_bucket", "+Inf", *route, "200")] == 3
-    assert metrics[("unghost_request_seconds_count", *route, "422")] == 1
+    route = "/probe/items/{item_id}"
+    assert metrics["unghost_requests_total", "GET", route, "200"] == 3
+    assert metrics["unghost_requests_total", "GET", route, "422"] == 1
+    assert metrics["unghost_request_seconds_bucket", "+Inf", "GET", route, "200"] == 3
+    assert metrics["unghost_request_seconds_count", "GET", route, "422"] == 1
     assert metrics["unghost_requests_total", "GET", "other", "404"] == 1
     assert metrics["unghost_requests_total", "other", "other", "404"] == 1
     assert "nowhere" not in text

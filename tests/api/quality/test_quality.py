@@ -296,12 +296,14 @@ def test_thresholds_are_suggested_for_a_target_recall(api, dataset):
         quality(api, dataset, **query)["suggested"][0]["suggested"]
         for query in ({}, {"target": "recall", "recall": 0.5})
     ]
-    of_recall = [{"target": "recall", "recall": recall} for recall in (0, 2)]
-    of_others = [{"recall": 0.5}, {"recall": 0.5, "target": "f1"}]
-    refused = [
-        api.get(f"/datasets/{dataset}/quality", **query)
-        for query in (*of_others, *of_recall, {"target": "luck"})
-    ]
+    invalid: tuple[dict[str, object], ...] = (
+        {"recall": 0.5},
+        {"recall": 0.5, "target": "f1"},
+        {"recall": 0, "target": "recall"},
+        {"recall": 2, "target": "recall"},
+        {"target": "luck"},
+    )
+    refused = [api.get(f"/datasets/{dataset}/quality", **query) for query in invalid]
 
     # More than half of the boxes to keep match completely.
     assert suggested[0] <= match < suggested[1]

@@ -134,7 +134,7 @@ def test_bulk_answer_on_a_filter_needs_its_snapshot_and_count(api, dataset):
     assert effective(api, dataset) == 6
 
 
-NOT_ACCEPTED = (
+NOT_ACCEPTED: tuple[tuple[dict[str, object], int], ...] = (
     ({}, 422),
     ({"box_ids": [1], "filter": {}}, 422),
     ({"box_ids": [0]}, 422),

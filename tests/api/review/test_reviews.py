@@ -225,7 +225,7 @@ def test_concurrent_answers_on_one_box_store_one_others_get_412(api, ghosts):
     assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 1
 
 
-NOT_ACCEPTED = (
+NOT_ACCEPTED: tuple[dict[str, object], ...] = (
     {},
     {"verdict": "keep"},
     {"verdict": "kept", "seen_revision": 0},
@@ -245,7 +245,7 @@ def test_invalid_answer_is_refused_and_changes_nothing(api, ghosts):
     assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 0
 
 
-FILTERED = (
+FILTERED: tuple[tuple[dict[str, object], list[str]], ...] = (
     ({"effective": "kept"}, ["real", "ghost", "real"]),
     ({"review": "unsure"}, ["ghost"]),
     ({"review": "undecided"}, ["real", "real", "ghost", "ghost"]),
