@@ -94,7 +94,7 @@ class SentFolder:
     A file that cannot be written there is listed in `refused`; the others are kept.
     `absent` are the images that were not sent whole. `most_files` limits the number of
     files and folders together, and `most_file_bytes` the size of a file, as when the
-    archive is read.
+    archive is read. It is pickled for the child process that reads the folder.
     """
 
     def __init__(self, parent: Path, most_files: int, most_file_bytes: int) -> None:

@@ -83,7 +83,7 @@ class ReadyFrame:
 
 @dataclass(frozen=True)
 class AcceptedFrame:
-    """A frame that is in the database.
+    """An uploaded frame that is in the database, by this upload or an earlier one.
 
     If this upload has stored it, it is a `NewFrame` (`app.ingest.rows`). `verdicts` are
     the numbers of its boxes by verdict; None if they have not been counted. Of answers

@@ -117,8 +117,8 @@ def scenario_text(scenario: _Keys, notes: Iterable[str]) -> str:
 def convert_carlasimu(folder: Path) -> tuple[_Scenario, list[str]]:
     """The scenario of carlasimu's folder `yaml_files`; absent files mean defaults.
 
-    Keys that were not set, or that have their default, are left out of it. With it come
-    notes about keys that were not converted.
+    It is valid. Keys that were not set, or that have their default, are left out of it.
+    With it come notes about keys that were not converted.
 
     Raises `ScenarioError`: no such file at all, an unknown key (names the nearest), or
     a wrong value.

@@ -45,6 +45,7 @@ class Traffic:
         self._session = session
         world, scenario = session.world, session.scenario
         self._ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
+        # The map's own, in its order, by which the scenario names one.
         self._points = list(world.get_map().get_spawn_points())
         if not self._points:
             raise CaptureError("map: it has no spawn points for vehicles")
@@ -57,6 +58,7 @@ class Traffic:
         if self._ego.has_attribute("role_name"):
             set_attributes(self._ego, {"role_name": scenario.ego.role_name}, "ego")
         people = scenario.walkers
+        # Of vehicles and walkers there may be no blueprints.
         self._walkers: list[Blueprint] = []
         self._controller: Blueprint | None = None
         if people.count:

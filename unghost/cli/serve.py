@@ -192,7 +192,8 @@ def rendered_frames(
         for line in lines:
             kinds = (kind for kind in FRAME_FILES if kind in line)
             yield line | {kind: str(place / str(line[kind])) for kind in kinds}
-        if place is partial:
+        # Another demo may have rendered it before this one had locked the folder.
+        if place is partial and not folder.exists():
             partial.rename(folder)
 
     return frames()

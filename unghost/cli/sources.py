@@ -365,7 +365,7 @@ def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], 
 def _entered(options: WithSource) -> Path:
     """The source, or the one folder in it if only that can be a recording."""
     from filter_core.formats.reading import is_hidden
-    from filter_core.formats.registry import possible_layouts
+    from filter_core.formats.registry import possible_layouts, recorder_of
 
     source = options.source
     if not source.is_dir():
@@ -374,7 +374,8 @@ def _entered(options: WithSource) -> Path:
     is_wrapped = len(top) == 1 and top[0].is_dir() and not top[0].is_symlink()
     if not is_wrapped or options.layout != "auto" or options.recording:
         return source
-    return source if possible_layouts(source) else top[0]
+    is_recognised = possible_layouts(source) or recorder_of(source)
+    return source if is_recognised else top[0]
 
 
 def open_source(path: Path, layout: str, description: RecordingDescription) -> FrameSet:

@@ -249,7 +249,10 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
 
 
 def _text_and_owner(file: Path) -> tuple[str, int]:
-    """The text of a small file, and the user who owns it; "" if it cannot be read."""
+    """The text of a small file, and the user who owns it.
+
+    "" and the administrator if it cannot be read: it is absent, or for others.
+    """
     # Reading a pipe would wait for its writer.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
     try:

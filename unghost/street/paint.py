@@ -163,14 +163,12 @@ def sample(tile: Float32, u: Float32, v: Float32, per_unit: float) -> Float32:
 
 def power(base: Float32, exponent: int) -> Float32:
     """A whole power, 1 or more, by squares: many times as fast as numpy's own."""
-    result = None
-    square = base
-    while exponent:
-        if exponent & 1:
-            result = square if result is None else result * square
-        square = square * square
-        exponent >>= 1
-    return base if result is None else result
+    result = base
+    for digit in f"{exponent:b}"[1:]:
+        result = result * result
+        if digit == "1":
+            result = result * base
+    return result
 
 
 def hashed(*whole: NDArray[np.int32]) -> Float32:

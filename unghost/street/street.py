@@ -245,12 +245,12 @@ def write_street(
 def render_street(
     folder: Callable[[], Path], frames: int, seed: int, *, actors: float = RECORDED
 ) -> Iterator[dict[str, object]]:
-    """Render a street into a folder, in child processes that end with it.
+    """Render a street into a folder, in child processes that end with this one.
 
     Yields a line of the manifest as soon as the files of its frame are written; in the
     end the folder has what `write_street` writes. `actors` are as those of
-    `StreetScene`. `folder` is called once, when the first processes have begun, and may
-    wait: they build their towns meanwhile.
+    `StreetScene`. `folder` returns a folder that exists; it is called once, when the
+    first processes have begun, and may wait: they build their towns meanwhile.
 
     Each process renders one town, or every second frame of it. As the first frame of a
     town takes as long as several others, no more processes work on their first one than

@@ -60,8 +60,8 @@ class Image(NamedTuple):
 
 
 @lru_cache(4096)
-def _above(folders: str) -> tuple[tuple[Part, ...], Part]:
-    """What the folders above an image say: each, and all together."""
+def _above(folders: str) -> tuple[tuple[Part, ...], Part, str]:
+    """What the folders above an image say: each, all together, and of its stream."""
     normal = unicodedata.normalize("NFC", folders)
     # carlasimu on Linux writes folders with a backslash in their names.
     names = normal.replace("\\", "/").split("/")
@@ -70,13 +70,15 @@ def _above(folders: str) -> tuple[tuple[Part, ...], Part]:
         key_of_folders("/".join(filter(None, texts)))
         for texts in ([part.picture for part in parts], [part.frame for part in parts])
     )
-    return parts, Part(_role(parts), False, picture, frame)
+    together = Part(_role(parts), False, picture, frame)
+    return parts, together, DIGITS.sub("#", folders)
 
 
 def image_at(name: str, folder: Path) -> Image:
     folders, _, last = name.rpartition("/")
     stem, suffix = split_name(unicodedata.normalize("NFC", last))
-    (parts, above), own = _above(folders), part_of(stem)
+    parts, above, stream = _above(folders)
+    own = part_of(stem)
     if own.is_pure and above.role == "image":  # a picture may be called anything
         own = Part(None, False, stem, stem)
     role, words = above.role, ""
@@ -93,15 +95,15 @@ def image_at(name: str, folder: Path) -> Image:
         above.role == "image",
         picture,
         picture if frame == picture else frame,
-        _stream_key(folders, words, suffix.lower()),
+        _stream_key(stream, words, suffix.lower()),
         own.role is not None,
     )
 
 
 @lru_cache(4096)
-def _stream_key(folders: str, *others: str) -> tuple[str, ...]:
-    """The same tuple for all images of a stream in a folder, of a million perhaps."""
-    return DIGITS.sub("#", folders), *others
+def _stream_key(*parts: str) -> tuple[str, ...]:
+    """The same tuple for all images of a stream, which may be a million."""
+    return parts
 
 
 def _role(parts: Sequence[Part]) -> Role | None:

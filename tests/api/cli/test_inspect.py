@@ -74,11 +74,20 @@ def test_folder_around_the_one_folder_of_a_recording_is_entered(bare_unghost, tm
 
 
 def test_folder_that_is_read_itself_is_not_entered(bare_unghost, tmp_path):
-    outer = write_files(tmp_path / "download", {"town/1.png": None})
+    pictures = write_files(tmp_path / "pictures", {"town/1.png": None})
+    tracks = {
+        "a run/image_02/0001/000000.png": None,
+        "a run/label_02/0001.txt": "0 3 Car 0 0 -1.6 10 5 20 16 1.5 1.6 3.9 1 1.5 9 0",
+        "a run/calib/0001.txt": "P2: 1 0 0 0 0 1 0 0 0 0 1 0",
+    }
+    tracking = write_files(tmp_path / "tracking", tracks)
 
-    result = bare_unghost("filter", outer)
+    keys = [
+        [record["key"] for record in bare_unghost("filter", folder).records]
+        for folder in (pictures, tracking)
+    ]
 
-    assert [record["key"] for record in result.records] == ["town/1"]
+    assert keys == [["town/1"], ["a run/0001/000000"]]
 
 
 def test_description_has_a_line_for_each_class_that_a_person_has_to_name(
