@@ -365,7 +365,8 @@ def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], 
 def _entered(options: WithSource) -> Path:
     """The source, or the one folder in it if only that can be a recording."""
     from filter_core.formats.reading import is_hidden
-    from filter_core.formats.registry import possible_layouts, recorder_of
+    from filter_core.formats.recorders import recorder_of
+    from filter_core.formats.registry import possible_layouts
 
     source = options.source
     if not source.is_dir():
