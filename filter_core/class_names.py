@@ -79,7 +79,7 @@ def canonical_class(name: str) -> str:
 
 
 def class_of(type_id: str | None, base_type: str | None) -> str | None:
-    """The class of a CARLA actor, or None if nothing maps it.
+    """The class of a CARLA actor, by its blueprint, or None if nothing maps it.
 
     Parameters
     ----------
@@ -204,13 +204,13 @@ def class_meant_by(name: str) -> str | None:
     The name may also be a blueprint's, such as ``vehicle.tesla.model3``. One of
     `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not have it.
     """
-    if blueprint := class_of(name, None):
-        return blueprint
+    if class_name := class_of(name, None):
+        return class_name
     words = [word.casefold() for word in _WORD.findall(_CAMEL.sub(" ", name))]
     meaning = _meaning_of(words)
     if meaning is None and words[:1] == ["vehicle"]:
-        blueprint = _meaning_of(words[1:])  # such as vehicle.bmw.isetta
-        return blueprint if blueprint in _VEHICLES else None
+        vehicle = _meaning_of(words[1:])  # such as vehicle.bmw.isetta
+        return vehicle if vehicle in _VEHICLES else None
     return meaning
 
 

@@ -7,6 +7,8 @@ reason, toss-up flag, bin and answer, so both tables have to change together:
   (the boxes of a former frame) change both.
 - `decided_again` and `classified_again` (a run) change decisions; their caller then
   calls `replace_tallies`.
+- `doubt_again` (an upgrade) changes decisions; its caller then calls
+  `recount_tallies`.
 - `measured_again` (a run) changes only columns of decisions that tallies do not count.
 
 Only `app.maintenance.removals` writes these tables as well: it deletes the rows of
@@ -220,7 +222,7 @@ def measured_again(
 
 
 def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -> None:
-    """Give boxes other classes, since theirs were renamed.
+    """Give boxes other classes, here and in `boxes`, since theirs were renamed.
 
     The caller has to replace the tallies of the dataset too (`replace_tallies`).
     """

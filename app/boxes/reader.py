@@ -148,7 +148,7 @@ def asked_decisions(
 
 
 def covering_words(name: BoxName, gap: float) -> str:
-    """A box that covers another one, for `questions`.
+    """A box whose rectangle overlaps another one's, for `questions`.
 
     `gap` is how much farther from the camera it is than the other box, in metres; NaN:
     unknown.

@@ -94,7 +94,7 @@ class DeliveryRepository(Repository):
         return list(self._session.scalars(page.of(rows, HookDelivery.id)))
 
     def hooks_due(self, now: datetime) -> list[int]:
-        """Ids of the hooks of which a delivery is due."""
+        """Ids of the hooks of which a delivery is due, none of a deleted dataset."""
         rows = select(HookDelivery.hook_id).join(Hook).outerjoin(Dataset)
         rows = rows.where(HookDelivery.due_at <= now, is_there()).distinct()
         return list(self._session.scalars(rows.order_by(HookDelivery.hook_id)))

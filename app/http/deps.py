@@ -112,13 +112,13 @@ def require_room_to_write(services: ServiceContext, session: Session) -> None:
     room.require_room(services.settings, services.storage)
 
 
-def require_room_to_answer(services: ServiceContext, session: Session) -> None:
-    """Refuse an answer on a single box, or its undo, if the disk is almost full.
+def begin_answer(services: ServiceContext, session: Session) -> None:
+    """Begin the transaction of an answer on a single box, or of its undo.
 
-    The transaction begins first. A request that repeats an idempotency key gets its
-    stored response there, which needs no room. With PostgreSQL nothing is refused:
-    answers are on its disk. Raises StorageFull: less than a quarter of `min_free_bytes`
-    is free.
+    A request that repeats an idempotency key gets its stored response there, which
+    needs no room. Then the answer is refused if the disk is almost full; not with
+    PostgreSQL, as answers are on its disk. Raises StorageFull: less than a quarter of
+    `min_free_bytes` is free.
     """
     session.connection()
     file = services.database.file

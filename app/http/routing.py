@@ -140,7 +140,10 @@ CLIENT_LEFT: Final = 499
 
 
 class OpenRoute(HeadRoute):
-    """A route without authentication; refuses unknown parameters and media types."""
+    """Refuses unknown parameters and media types, as all routes do.
+
+    Used as it is, a route without authentication.
+    """
 
     @property
     def takes_json(self) -> bool:

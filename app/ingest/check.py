@@ -25,9 +25,10 @@ from unghost.wire.words import FileKind
 KINDS: Final = get_args(FileKind)
 CLOUDS: Final = ("lidar", "radar")
 PICTURES: Final = tuple(kind for kind in KINDS if kind not in CLOUDS)
-_SAME_SIZE: Final = ("segmentation", "ignore_mask")
-_SIZED: Final = ("image", "segmentation", "instances")
-"""The pictures that have the size of the image, the first of them first."""
+_GIVES_SIZE: Final = ("image", "segmentation", "instances")
+"""The first of these pictures that a frame has gives the size of its image."""
+_OF_THIS_SIZE: Final = ("segmentation", "ignore_mask")
+"""The pictures that must have this size."""
 
 MAX_TEXT: Final = 200
 """Maximum length of an id, a class or a map, as in their columns."""
@@ -123,7 +124,7 @@ def check_files(
         for kind in CLOUDS
         if kind in contents
     }
-    sized = [headers[kind].wh for kind in _SIZED if kind in headers]
+    sized = [headers[kind].wh for kind in _GIVES_SIZE if kind in headers]
     wh = sized[0] if sized else annotation.camera_wh
     if wh is None:
         raise ImageError(
@@ -131,7 +132,7 @@ def check_files(
             "instance image, or a camera with width and height, found none of them",
             code="unknown_size",
         )
-    for kind in _SAME_SIZE:
+    for kind in _OF_THIS_SIZE:
         if kind in headers:
             with error_context(pointer=f"/{kind}"):
                 require_size(headers[kind], wh, what=f"the {kind}", than="the image")

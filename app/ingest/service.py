@@ -82,8 +82,8 @@ def prepare_frame(
 ) -> PreparedFrame:
     """Check and measure one frame and write its files, outside any transaction.
 
-    A ReadyFrame is to be passed to `store_frames`, as a RefusedFrame is; otherwise its
-    drafts have to be passed to `storage.discard`. An AcceptedFrame is in the dataset
+    Pass a ReadyFrame or a RefusedFrame to `store_frames`. If a ReadyFrame is not to be
+    stored, pass its drafts to `storage.discard`. An AcceptedFrame is in the dataset
     already.
 
     Raises app.engine.children.CallCancelled: `cancelled` was set while a child process

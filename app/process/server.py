@@ -1,4 +1,4 @@
-"""Extends uvicorn by limits for clients without a token, and by a graceful shutdown.
+"""Extends uvicorn by limits that hold before a token is checked, and a graceful stop.
 
 uvicorn limits neither the size of a request's head, nor the time in which it arrives,
 nor the time that a client takes to read, and it stops listening before it has sent the

@@ -15,7 +15,7 @@ from app.http.deps import (
     Reviewer,
     RowId,
     Viewer,
-    require_room_to_answer,
+    begin_answer,
 )
 from app.http.pages import NO_STORE, Cursor, Limit, json_response, page_response
 from app.http.routing import ApiRouter
@@ -91,7 +91,7 @@ def create_review(
     200 if this is the caller's own latest answer on the box: it is not stored again.
     Only admins may clear answers of others.
     """
-    require_room_to_answer(services, audit.session)
+    begin_answer(services, audit.session)
     most = services.settings.max_answers_per_box
     review = review_box(audit, box_id, body, caller, most=most)
     status = 200 if review.revision == body.seen_revision else 201
@@ -114,7 +114,7 @@ def undo_review(
 
     409 if somebody has answered since. Only admins may undo answers of others.
     """
-    require_room_to_answer(services, audit.session)
+    begin_answer(services, audit.session)
     most = services.settings.max_answers_per_box
     review = undo_answer(audit, box_id, revision, caller, most=most)
     return commit_and_respond(audit.session, json_response(review, 201))
@@ -159,7 +159,7 @@ def import_reviews(
 
     They are marked as imported by the caller.
     """
-    require_room_to_answer(services, audit.session)
+    begin_answer(services, audit.session)
     dataset_row = DatasetRepository(audit.session).named(dataset)
     outcome = import_answers(audit, dataset_row, body)
     return commit_and_respond(audit.session, json_response(outcome))

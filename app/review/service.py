@@ -1,6 +1,6 @@
 """Stores a person's answer on one box.
 
-1. `create_review` (`routes`) begins the transaction, by `require_room_to_answer`
+1. `create_review` (`routes`) begins the transaction, by `begin_answer`
    (`app.http.deps`). The transaction waits until no other one writes, and stores the
    idempotency key of the request (`app.http.transaction`). Then, if the disk is almost
    full, the answer is refused with 503: the page keeps it and sends it again.

@@ -125,9 +125,9 @@ def refresh_doubt(context: ServiceContext) -> None:
 
 
 class Activation:
-    """Stores the changes of a run part by part, in memory of a constant size.
+    """Stores which boxes a run changes, part by part, in memory of a constant size.
 
-    It counts them, and writes decisions only if the run is to be activated.
+    It counts them, and writes new decisions only if the run is to be activated.
     """
 
     def __init__(self, session: Session, run: Run, progress: _Progress) -> None:

@@ -83,16 +83,16 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         _decide_block(evidence, rows, limits, thresholds, decisions)
     apply_channels(evidence, config, decisions)
     if config.profile == "paper":
-        _spare_unknown(evidence, config, decisions)
+        _unmeasure_unknown(evidence, config, decisions)
     return decisions
 
 
-def _spare_unknown(
+def _unmeasure_unknown(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> None:
-    """Give rejected boxes that their unknown pixels could save another reason.
+    """Make rejected boxes unmeasured that their unknown pixels could save.
 
-    A pixel is unknown if its tag or colour is none of its family. The reason is
+    A pixel is unknown if its tag or colour is none of its family. The reason becomes
     UNKNOWN_PIXELS if the box would be kept if its unknown pixels matched.
     """
     is_open = (VERDICT_OF_REASON == REJECTED) & ~IS_FINAL
@@ -215,8 +215,8 @@ class DecidingThreshold(NamedTuple):
 def deciding_thresholds(limits: LimitsByClass) -> list[DecidingThreshold]:
     """Which threshold decided a box, by its reason and by whether it is large.
 
-    The match of a VISIBLE box has passed the threshold, that of any other box has
-    failed it. Boxes of all other reasons were decided by no threshold.
+    The match of a VISIBLE box has reached the threshold, that of any other box has
+    not. Boxes of all other reasons were decided by no threshold.
     """
     small, big = limits.threshold_small_box, limits.threshold_big_box
     both = _as_carlasimu(limits)  # whether large boxes have to pass both thresholds

@@ -1,7 +1,8 @@
 """Unghost's own format: a JSONL file with one line per frame.
 
-A line is the frame's annotation as given, its key, and the paths of its files; an
-export leaves out the boxes that are rejected, and changes nothing else.
+A line is the frame's annotation as given, its key, and the paths of its files. An
+export leaves out rejected boxes and all paths but that of a copied image, and gives
+each box its id; it changes nothing else.
 """
 
 from __future__ import annotations
@@ -250,7 +251,7 @@ _OURS: Final = frozenset({"boxes", "key", *FRAME_FILES})
 
 @MANIFEST.label_writer
 class ManifestWriter:
-    """Writes ``manifest.jsonl`` and ``images/STEM.png``.
+    """Writes ``manifest.jsonl``; images are copied to ``images`` by `write_labels`.
 
     A box is written as it was given: its geometry in the same form, 3D boxes, cameras
     and every unknown key. Nothing is clipped.

@@ -93,7 +93,7 @@ def figure_of(
 
 
 def page_of(name: str, figures: Sequence[str], reasons: Counter[str]) -> str:
-    """The page: `figures` (`figure_of`), and the boxes that are not kept by reason."""
+    """An HTML page: `figures` (`figure_of`), and the boxes not kept by reason."""
     listed = ", ".join(
         f"{escape(reason.replace('_', ' '))} {count}"
         for reason, count in reasons.most_common()

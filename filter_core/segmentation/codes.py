@@ -209,7 +209,10 @@ class PixelCodes:
     def of_tags(
         cls, tags: TagImage, first_unknown: int, counts: IntArray
     ) -> PixelCodes:
-        """Tags that are their own codes; those from `first_unknown` on are Unknown."""
+        """From a small number per pixel that is its own code: a tag, a mask's 0 or 1.
+
+        Numbers from `first_unknown` on are Unknown; `counts` is the histogram of all.
+        """
         tag_of_code = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
         tag_of_code[:first_unknown] = np.arange(first_unknown)
         return cls(tags, tag_of_code, tuple(np.flatnonzero(counts).tolist()))

@@ -170,7 +170,7 @@ class Api:
 
     @endpoint
     def report(self, dataset: str) -> Call[wire.Report]:
-        """Where the ghosts are: by distance, and the frames with the most of them."""
+        """Where the ghosts are: by distance, map and weather, and the worst frames."""
         return fetched(wire.Report, dataset_path(dataset, "report"))
 
     @endpoint

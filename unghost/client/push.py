@@ -113,7 +113,7 @@ class _Senders:
     def outcomes_of(
         self, frames: Iterable[OutgoingFrame | NotSent]
     ) -> Iterator[Outcome]:
-        """Send frames in batches, but those that are stored; yields all outcomes."""
+        """Send frames in batches, except those stored already; yields all outcomes."""
         try:
             for batch in _batches(self._packed(frames)):
                 if isinstance(batch, AlreadyThere | NotSent):

@@ -115,7 +115,7 @@ class FilePattern:
         return None if match is None else match.groupdict()
 
     def filled(self, values: Values) -> str:
-        """The pattern with the values of its names."""
+        """The path, or the key, with these values in the place of the names."""
         return _TOKEN.sub(
             lambda token: values[token["name"]] if token["name"] else token[0],
             self.text,

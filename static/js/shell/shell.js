@@ -29,7 +29,7 @@ import { TopBar, hasTabs } from "./topbar.js";
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
 /** @type {Record<string, Lazy<View>>} */
-const LATER = {
+const LOADED_WHEN_OPENED = {
   home: createLazy(async () => (await import("../datasets/home.js")).HomeView),
   compare: createLazy(async () => (await import("../datasets/home.js")).CompareView),
   frame: createLazy(async () => (await import("../review/frame.js")).FrameView),
@@ -58,7 +58,7 @@ export function Shell({ app, linkError }) {
   const focusMain = (options) => shell.current?.querySelector("main")?.focus(options);
   useFocusOnMove(route, focusMain);
 
-  const View = VIEWS[route.name] ?? (LATER[route.name] ? LateView : UnknownView);
+  const View = VIEWS[route.name] ?? (LOADED_WHEN_OPENED[route.name] ? LateView : UnknownView);
   // The address belongs to the router: the skip link must not change it.
   return html`<div class="shell" ref=${shell} data-view=${isSignedIn ? route.name : "signin"}
     data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
@@ -97,7 +97,7 @@ function useFocusOnMove(route, focusMain) {
 
 /** A view whose modules are loaded when it is opened. @param {{app: App, route: Route}} props */
 function LateView({ app, route }) {
-  const { value: View, error, retry } = useLazy(LATER[route.name] ?? null);
+  const { value: View, error, retry } = useLazy(LOADED_WHEN_OPENED[route.name] ?? null);
   if (View) return html`<${View} app=${app} route=${route} />`;
   return html`<${Coming} app=${app} error=${error} onRetry=${retry} />`;
 }

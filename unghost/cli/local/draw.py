@@ -128,7 +128,11 @@ def draw_frames(
     *,
     edges: bool = False,
 ) -> int:
-    """Write the pictures of frames, a contact sheet and a page; returns how many."""
+    """Write the pictures of frames, a contact sheet and a page; returns how many.
+
+    `edges` draws those of 3D boxes in place of rectangles. The pictures are in the
+    folders ``before``, ``after`` and ``side``.
+    """
     from filter_core.formats.files import FileNames
     from filter_core.images.drawing import as_png
     from filter_core.images.sheet import MOST_TILES, page_of, sheet_of
