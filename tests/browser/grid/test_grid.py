@@ -251,6 +251,7 @@ def test_returning_to_the_grid_restores_scroll_and_selection(sixty_boxes, user):
 
     expect(cell(page, 55)).to_be_in_viewport()
     assert page.get_by_role("grid").evaluate("grid => grid.scrollTop") == before
+    expect(cell(page, 55)).to_have_attribute("aria-selected", "true")
     assert selected(page) == [55]
     expect(cell(page, 55).locator(".sign--reject")).to_be_visible()
     page.go_back()
@@ -276,6 +277,7 @@ def test_grid_that_was_left_before_its_dataset_was_loaded_is_restored(
     user.press("g")
 
     expect(cell(page, 55)).to_be_in_viewport()
+    expect(cell(page, 55)).to_have_attribute("aria-selected", "true")
     assert selected(page) == [55]
 
 
