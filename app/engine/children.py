@@ -119,7 +119,7 @@ class PixelPool:
         self._free: LifoQueue[_Child | None] = LifoQueue()
         for _ in range(children):
             self._free.put(None)
-        self._own_threads = threading.BoundedSemaphore(children)
+        self._places_of_callers = threading.BoundedSemaphore(children)
         self._is_closed = self._is_prepared = False
         # At exit, before `multiprocessing` kills its processes by a signal.
         self._at_exit = Finalize(self, _end_all, (self._free,), exitpriority=1)
@@ -156,11 +156,11 @@ class PixelPool:
     def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:
         """Call a function in the caller's thread, for work that is known to be cheap.
 
-        In a child a frame takes a fifth longer, mostly because its data is in the
-        processor caches of the other process. At most `children` threads do this at a
-        time. Raises the errors of `work`.
+        Its time and memory are not limited. In a child a frame takes a fifth longer,
+        mostly because its data is in the processor caches of the other process. At most
+        `children` threads do this at a time. Raises the errors of `work`.
         """
-        with self._own_threads:
+        with self._places_of_callers:
             return work(*args)
 
     def prepare(self) -> None:

@@ -2,7 +2,7 @@
 
 Before a body is read, it checks the caller's role, the size of the body, the query
 parameters and the media type. Once the body is there, the request waits until its
-token has a free place; routes for large bodies do both themselves.
+token has a free place; routes for large bodies (`body_up_to`) do both themselves.
 A POST with an Idempotency-Key is passed on to `app.http.transaction`, where the
 transaction of a route that writes is described.
 """
@@ -116,7 +116,7 @@ BODY_LIMIT: Final = "x-body-limit"
 
 
 def body_up_to(setting: str) -> dict[str, str]:
-    """``openapi_extra`` of a route that reads its body itself."""
+    """``openapi_extra`` of a route that reads its body itself, up to this setting."""
     return {BODY_LIMIT: setting}
 
 

@@ -267,7 +267,10 @@ FrameParts = Annotated[dict[str, bytes], Depends(frame_parts)]
 
 
 def described_body() -> dict[str, object]:
-    """The body for the OpenAPI document, which FastAPI cannot derive here."""
+    """The body for the OpenAPI document, which FastAPI cannot derive, and its limit.
+
+    `OpenRoute` enforces the limit.
+    """
     binary = {"type": "string", "format": "binary"}
     properties: dict[str, object] = {
         kind: {**binary, "description": f"The frame's file {kind!r}."} for kind in KINDS

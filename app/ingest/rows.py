@@ -139,7 +139,7 @@ def insert_frames(
             new[place] = _carried(session, sender, formers[frame.key], frame, class_ids)
         if key_rows[frame.key].has_problem:
             ProblemRepository(session).forget(active.row.dataset_id, frame.key)
-    once_committed(session, partial(_count, new))
+    once_committed(session, partial(_count_in_metrics, new))
     return new
 
 
@@ -357,7 +357,7 @@ def _geometry(
     return form
 
 
-def _count(frames: Sequence[NewFrame]) -> None:
+def _count_in_metrics(frames: Sequence[NewFrame]) -> None:
     metrics.FRAMES.inc(len(frames))
     for frame in frames:
         for file in frame.ready.files:

@@ -238,7 +238,7 @@ class ProblemProtocol(HttpToolsProtocol):
             self._turn_away(refusal)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop all timers, and notify the request that is being processed."""
+        """Stop the timer, and notify the request that is being processed."""
         self._timer.stop()
         self._connections.leave(self)
         answered = self._answered

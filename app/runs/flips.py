@@ -148,7 +148,7 @@ class FlipTable:
         return self._by_class(_FLIPS)
 
     def sides(self) -> dict[str, wire.FlipCounts]:
-        """How many boxes flipped in each direction, by class, if any did."""
+        """How many boxes of each class became kept and rejected, if any did."""
         sides = {side: self._by_class(which) for side, which in _SIDES.items()}
         return {
             name: wire.FlipCounts(

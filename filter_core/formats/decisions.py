@@ -1,9 +1,8 @@
 """Every decision of every frame, with any verdict: as JSONL, CSV or Parquet.
 
 JSONL has complete decisions, one line per frame, and is read again, with the answers of
-people. The tables have one row per box and
-one column per plain value; they are written from columns, without an object for each
-box.
+people. The tables have one row per box and one column per plain value; they are written
+from columns, without an object for each box.
 """
 
 from __future__ import annotations
@@ -219,7 +218,7 @@ def _annotation(line: Mapping[str, object], without: Counter[str]) -> dict[str, 
 
 
 def _answers(line: Mapping[str, object]) -> list[GivenAnswer]:
-    """The answers of people on the boxes of a line; those without a time are older."""
+    """The answers of people on the boxes of a line; without a time, from 1970."""
     return [
         GivenAnswer(
             str(decision.get("id")),

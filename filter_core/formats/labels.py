@@ -266,7 +266,10 @@ def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
 
 
 def _other_corners(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
-    """The notation that the numbers of all boxes of a form have, if not the form's."""
+    """The notation that the boxes of a form seem to have, if it is not the form's.
+
+    By the share of boxes with inverted corners, or that reach out of the image.
+    """
     first, last = values[:, :2], values[:, 2:]
     if form.startswith("xyxy"):
         is_inverted = (last < first).any(axis=1)

@@ -437,7 +437,7 @@ class VocWriter:
         self._context = context
 
     def labels(self, band: str, out: OutFrame) -> None:
-        """One XML file."""
+        """One XML file: of a distance band, or of all boxes if `band` is empty."""
         content = _own(out)
         if content is not None:
             self._context.note_own(band)

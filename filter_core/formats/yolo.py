@@ -552,7 +552,7 @@ class YoloWriter:
         self._beside: list[object] = []
 
     def labels(self, band: str, out: OutFrame) -> None:
-        """One label file."""
+        """One label file: of a distance band, or of all boxes if `band` is empty."""
         self._parts[out.part] = None
         stored = stored_labels(out.frame.given, YOLO.name)
         if BESIDE in stored and not band:

@@ -84,7 +84,7 @@ class LogIn(RequestModel):
     code: Secret | None = None
 
     @model_validator(mode="after")
-    def _check_credential(self) -> LogIn:
+    def _require_one_credential(self) -> LogIn:
         if (self.token is None) == (self.code is None):
             raise ValueError("expected either token or code")
         return self

@@ -290,7 +290,10 @@ class Roles:
     def _decide(
         self, stream: _Stream, decided: Callable[[Image, Look | None], _Outcome]
     ) -> None:
-        """The roles of a stream's images; if its looks disagree, by looking at each."""
+        """One role for a stream's images, or one for each if its looks disagree on it.
+
+        Then at most `_MOST_ONE_BY_ONE` images are looked at.
+        """
         first = stream.images[0]
         if first.values is not None:
             self._of_stream[self._stream_of(first)] = first.role, ""
@@ -360,7 +363,10 @@ def _samples(streams: Sequence[Sequence[Image]], most: int) -> list[Image]:
 
 
 def _with_content(stream: Sequence[Image], places: Sequence[int]) -> list[Image]:
-    """The images at some places, or near these if files are empty."""
+    """The images at some places.
+
+    If any is empty, all are taken at the same shares of the images that are not.
+    """
     chosen = [stream[place] for place in places]
     if all(map(_has_content, chosen)):
         return chosen
