@@ -79,7 +79,9 @@ class Stage:
         in_view = _in_view(centres, self._reach, camera)
         distance = np.linalg.norm(centres - camera.position, axis=1)
 
-        def collected(chosen: IntArray) -> VisibleTriangles:
+        def collected(
+            chosen: IntArray,
+        ) -> tuple[Mesh, NDArray[np.int32], FloatArray, IntArray]:
             parts = []
             for index in chosen:
                 far = bool(distance[index] > _FAR_M)
@@ -89,21 +91,19 @@ class Stage:
             owner = np.repeat(chosen, [len(part) for part in parts]).astype(np.int32)
             two_sided = mesh.surface[:, 5] == SurfaceKind.LEAF
             screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
-            return VisibleTriangles(camera, mesh, owner, screen, source)
+            return mesh, owner, screen, source
 
-        houses = collected(np.flatnonzero(in_view & self._hides))
         canvas = Canvas.blank(camera.width, camera.height)
-        draw(canvas, houses.screen, houses.source)
+        houses, owners, screen, source = collected(
+            np.flatnonzero(in_view & self._hides)
+        )
+        draw(canvas, screen, source)
         others = np.flatnonzero(in_view & ~self._hides)
         hidden = _hidden(canvas, centres[others], self._reach[others], camera)
-        rest = collected(others[~hidden])
-        return VisibleTriangles(
-            camera,
-            join([houses.mesh, rest.mesh]),
-            np.concatenate([houses.owner, rest.owner]),
-            np.concatenate([houses.screen, rest.screen]),
-            np.concatenate([houses.source, rest.source + len(houses.mesh)]),
-        )
+        rest, owners_of_rest, screen, source = collected(others[~hidden])
+        draw(canvas, screen, source + len(houses))
+        owner = np.concatenate([owners, owners_of_rest])
+        return VisibleTriangles(camera, join([houses, rest]), owner, canvas)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +114,13 @@ class VisibleTriangles:
     ----------
     mesh : Mesh of T triangles
     owner : (T,) int32, index into the town's things
-    screen : (S, 3, 3), per corner u px, v px, 1 / depth
-    source : (S,) the triangle that each of them comes from
+    canvas : which of them is nearest in the middle of each pixel, and its 1 / depth
     """
 
     camera: Camera
     mesh: Mesh
     owner: NDArray[np.int32]
-    screen: FloatArray
-    source: IntArray
+    canvas: Canvas
 
 
 def _in_view(centres: FloatArray, reach: FloatArray, camera: Camera) -> BoolArray:
@@ -207,14 +205,12 @@ def sampled(visible: VisibleTriangles) -> Samples:
     rows, columns = camera.height, camera.width
     u, v = np.arange(columns) + 0.5, np.arange(rows) + 0.5
     rays = _rays(camera, u, v)
-    canvas = Canvas.blank(columns, rows)
     # The level ground, up to the horizon
-    plane = (-rays[:, 2] / np.float32(camera.position[2])).reshape(rows, columns)
-    on_ground = plane > 1 / _HORIZON
-    canvas.nearness[on_ground] = plane[on_ground]
-    canvas.winner[on_ground] = GROUND
-    draw(canvas, visible.screen, visible.source)
-    winner, nearness = canvas.winner.reshape(-1), canvas.nearness.reshape(-1)
+    plane = -rays[:, 2] / np.float32(camera.position[2])
+    nearness = visible.canvas.nearness.reshape(-1)
+    on_ground = (plane > 1 / _HORIZON) & (plane >= nearness)
+    nearness = np.where(on_ground, plane, nearness)
+    winner = np.where(on_ground, np.int32(GROUND), visible.canvas.winner.reshape(-1))
     depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
     solid = np.flatnonzero(winner != SKY)
     depth[solid] = 1 / nearness[solid]
