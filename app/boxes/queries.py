@@ -105,7 +105,7 @@ _NAMED_BOXES: Final = _CURRENT_BOXES.where(
 )
 
 
-_PlaceRow: TypeAlias = (
+PlaceRow: TypeAlias = (
     "Row[int, str, str | None, str | None, str | None, str | None, int]"
 )
 """Columns of a frame, by name: `box_count`, and what tables repeat for each box."""
@@ -213,12 +213,12 @@ class FrameRepository(Repository):
 
     def places_of(
         self, box_filter: BoxFilter, *, after: int, boxes: int
-    ) -> tuple[list[_PlaceRow], bool]:
+    ) -> tuple[list[PlaceRow], bool]:
         """The next frames that can have such boxes, by id, and whether more follow.
 
         As many as have `boxes` boxes together, at least one.
         """
-        places: list[_PlaceRow] = []
+        places: list[PlaceRow] = []
         total = 0
         rows = bulk.run(
             self._session, _frames_after(box_filter), after=after, most=boxes
@@ -232,7 +232,7 @@ class FrameRepository(Repository):
         return places, len(places) == boxes
 
     def boxes_between(
-        self, box_filter: BoxFilter, frames: Sequence[_PlaceRow]
+        self, box_filter: BoxFilter, frames: Sequence[PlaceRow]
     ) -> CurrentBoxes:
         """The boxes of a filter in consecutive frames, by frame and id."""
         if not frames:

@@ -37,13 +37,13 @@ def rename_dataset(services, name) -> ServiceDataset:
 def export_state_and_digest(street, form):
     request = ExportIn(format=form, options=FORMATS[form])
     with street.context.database.write() as session:
-        made = request_export(
+        export_id = request_export(
             street.context, session, street.row(session), request, "ada"
-        )
+        ).id
 
     def ended():
         with street.context.database.read() as session:
-            export = job_with_id(session, Export, made.id)
+            export = job_with_id(session, Export, export_id)
         is_over = export.state not in ("queued", "running")
         return (export.state, export.sha256) if is_over else None
 

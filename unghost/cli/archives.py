@@ -64,8 +64,6 @@ def unpacked(archive: Path, screen: Screen) -> Iterator[Path]:
     Raises `Refused`: the archive is damaged or encrypted, does not fit on the disk, or
     has members outside of its folder, links out of it, or devices.
     """
-    from filter_core.formats.reading import is_hidden
-
     with TemporaryDirectory(prefix="unghost-") as temporary:
         content = Path(temporary, "content")
         content.mkdir()
@@ -86,9 +84,20 @@ def unpacked(archive: Path, screen: Screen) -> Iterator[Path]:
             raise Refused(one_line(sentence)) from exc
         except _DAMAGE as exc:
             raise _damaged(archive, exc) from exc
-        top = [each for each in content.iterdir() if not is_hidden(each.name)]
-        is_one = len(top) == 1 and top[0].is_dir() and not top[0].is_symlink()
-        yield (top[0] if is_one else content).rename(Path(temporary, archive.name))
+        recording = only_folder(content) or content
+        yield recording.rename(Path(temporary, archive.name))
+
+
+def only_folder(folder: Path) -> Path | None:
+    """The one folder that a folder has at its top; None if there is more, or no folder.
+
+    Hidden files are not counted, and a link is no folder.
+    """
+    from filter_core.formats.reading import is_hidden
+
+    top = [path for path in folder.iterdir() if not is_hidden(path.name)]
+    is_only = len(top) == 1 and top[0].is_dir() and not top[0].is_symlink()
+    return top[0] if is_only else None
 
 
 def _does_not_fit(archive: Path, folder: Path) -> Refused:

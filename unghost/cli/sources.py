@@ -351,32 +351,22 @@ def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], 
 
     @wraps(command)
     def run(options: OptionsT) -> None:
-        from unghost.cli.archives import is_archive, unpacked
+        from filter_core.formats.recorders import recorder_of
+        from filter_core.formats.registry import possible_layouts
+        from unghost.cli.archives import is_archive, only_folder, unpacked
 
-        if not is_archive(options.source):
-            command(replace(options, source=_entered(options)))
+        source = options.source
+        if is_archive(source):
+            with unpacked(source, options.screen) as folder:
+                command(replace(options, source=folder))
             return
-        with unpacked(options.source, options.screen) as folder:
-            command(replace(options, source=folder))
+        is_described = options.layout != "auto" or options.recording is not None
+        inner = only_folder(source) if source.is_dir() and not is_described else None
+        if inner and not (possible_layouts(source) or recorder_of(source)):
+            source = inner
+        command(replace(options, source=source))
 
     return run
-
-
-def _entered(options: WithSource) -> Path:
-    """The source, or the one folder in it if only that can be a recording."""
-    from filter_core.formats.reading import is_hidden
-    from filter_core.formats.recorders import recorder_of
-    from filter_core.formats.registry import possible_layouts
-
-    source = options.source
-    if not source.is_dir():
-        return source
-    top = [path for path in source.iterdir() if not is_hidden(path.name)]
-    is_wrapped = len(top) == 1 and top[0].is_dir() and not top[0].is_symlink()
-    if not is_wrapped or options.layout != "auto" or options.recording:
-        return source
-    is_recognised = possible_layouts(source) or recorder_of(source)
-    return source if is_recognised else top[0]
 
 
 def open_source(path: Path, layout: str, description: RecordingDescription) -> FrameSet:

@@ -79,9 +79,10 @@ class Stage:
         in_view = _in_view(centres, self._reach, camera)
         distance = np.linalg.norm(centres - camera.position, axis=1)
 
-        def collected(
-            chosen: IntArray,
-        ) -> tuple[Mesh, NDArray[np.int32], FloatArray, IntArray]:
+        canvas = Canvas.blank(camera.width, camera.height)
+
+        def drawn(chosen: IntArray, first: int) -> tuple[Mesh, NDArray[np.int32]]:
+            """The triangles of things, which are numbered from `first`, and whose."""
             parts = []
             for index in chosen:
                 far = bool(distance[index] > _FAR_M)
@@ -91,18 +92,14 @@ class Stage:
             owner = np.repeat(chosen, [len(part) for part in parts]).astype(np.int32)
             two_sided = mesh.surface[:, 5] == SurfaceKind.LEAF
             screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
-            return mesh, owner, screen, source
+            draw(canvas, screen, source + first)
+            return mesh, owner
 
-        canvas = Canvas.blank(camera.width, camera.height)
-        houses, owners, screen, source = collected(
-            np.flatnonzero(in_view & self._hides)
-        )
-        draw(canvas, screen, source)
+        houses, owner = drawn(np.flatnonzero(in_view & self._hides), 0)
         others = np.flatnonzero(in_view & ~self._hides)
         hidden = _hidden(canvas, centres[others], self._reach[others], camera)
-        rest, owners_of_rest, screen, source = collected(others[~hidden])
-        draw(canvas, screen, source + len(houses))
-        owner = np.concatenate([owners, owners_of_rest])
+        rest, owner_of_rest = drawn(others[~hidden], len(houses))
+        owner = np.concatenate([owner, owner_of_rest])
         return VisibleTriangles(camera, join([houses, rest]), owner, canvas)
 
 

@@ -83,10 +83,10 @@ def test_login_code_needs_the_token_itself_and_login_one_of_both(service, anonym
     """A session would open another session, which the end of it does not end."""
     session = log_in(service, anonymous)
 
-    made = anonymous.post("/api/v1/login-codes", headers=session)
+    response = anonymous.post("/api/v1/login-codes", headers=session)
 
-    assert made.status_code == 403
-    assert "a login code needs the token itself" in made.json()["detail"]
+    assert response.status_code == 403
+    assert "a login code needs the token itself" in response.json()["detail"]
     for body in ({}, {"token": "ug_x", "code": "uc_x"}):
         response = anonymous.post("/api/v1/session", json=body)
         assert response.status_code == 422

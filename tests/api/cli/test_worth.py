@@ -69,7 +69,10 @@ def test_experiment_trains_each_arm_and_continues(
     words = ("worth-it", folder, "--arms", "raw,depth,random", "--trainer", trainer)
 
     first = bare_unghost(*words, "-o", output, "--seeds", "1")
-    second = bare_unghost(*words, "-o", output, "--seeds", "2", "--json")
+    on_this_machine = ("--engine", "LOCAL")
+    second = bare_unghost(
+        *words, "-o", output, "--seeds", "2", *on_this_machine, "--json"
+    )
 
     assert (first.code, second.code) == (DONE, DONE), first.err + second.err
     runs = (tmp_path / "runs.txt").read_text().splitlines()

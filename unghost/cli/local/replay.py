@@ -77,12 +77,9 @@ def replay(options: ReplayOptions) -> None:
 
     description = options.describe(options.source)
     base = sources.read_config(options.config, options, description, options.screen)
-    best, paper, code = (
-        Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu")
-    )
-    assert best is not None, "only raw labels have no configuration"
-    assert paper is not None
-    assert code is not None
+    arms = [Arm(kind) for kind in ("auto", "paper", "carlasimu")]
+    # Arms without a configuration leave the labels as they are: these three have one.
+    best, paper, code = (config for arm in arms if (config := arm.config(base)))
     frames = sources.open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
     shown = sources.shown_by(first, best, set(best.channels), options.screen)

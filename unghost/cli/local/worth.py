@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, get_args
@@ -172,7 +172,9 @@ def worth_it(options: WorthOptions) -> None:
     from unghost.cli.worth_page import noise_tables
 
     if options.engine != _HERE:
-        settings_of_node(options.engine, options)  # refuses a wrong address
+        # A wrong address is refused, and any spelling of `_HERE` is that.
+        engine = settings_of_node(options.engine, options).engine
+        options = replace(options, engine=engine)
     if options.dataset is not None:
         with options.connect() as client:
             client.dataset(options.dataset)

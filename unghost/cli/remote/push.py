@@ -342,7 +342,10 @@ def _keep_companions(
     more = len(of_folders) - MOST_OF_A_KIND
     listed = ", ".join(of_folders[:MOST_OF_A_KIND])
     also = f" and {more:,} more folders" if more > 0 else ""
-    total = f"{sum(left.values()):,} files belong to no frame and were not sent"
+    count = sum(left.values())
+    total = f"{count:,} files belong to no frame and were not sent"
+    if count == 1:
+        total = "1 file belongs to no frame and was not sent"
     if left:
         screen.note(f"{total}, by folder: {listed}{also}")
 

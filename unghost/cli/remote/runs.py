@@ -31,18 +31,8 @@ if TYPE_CHECKING:
 
 
 _DIFF_COLUMNS: Final = ("class", "boxes", "kept -> rejected", "rejected -> kept")
-_DIFF_SUMS: Final = (
-    "run",
-    "against",
-    "compared",
-    "total",
-    "kept_to_rejected",
-    "rejected_to_kept",
-    "by_class",
-    "sides_by_class",
-    "by_cause",
-)
-"""What the last line of `unghost diff --json` has, if the server sends it."""
+_OF_PAGES: Final = ("items", "next_cursor")
+"""What `unghost diff --json` has in lines of its own; the last one has the sums."""
 
 _CAUSES: Final = {
     "class_known": "the name of its class is understood now",
@@ -219,8 +209,8 @@ def diff(options: DiffOptions) -> None:
         if options.json:
             for flip in client.flips(options.after, options.before):
                 screen.record(flip.raw)
-    sums = {name: comparison.raw[name] for name in _DIFF_SUMS if name in comparison.raw}
-    screen.record(sums)
+    sums = type(comparison).model_fields.keys() - _OF_PAGES
+    screen.record({k: v for k, v in comparison.raw.items() if k in sums})
     screen.table(_DIFF_COLUMNS, rows_of(comparison))
     for cause, boxes in comparison.by_cause.items():
         screen.note(f"{boxes} of them: {_CAUSES.get(cause, cause)}")
