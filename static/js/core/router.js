@@ -82,8 +82,12 @@ export const loginLink = (code, view) =>
   `${location.origin}/#code=${encodeURIComponent(code)}&to=${encodeURIComponent(view.replace("#/", ""))}`;
 
 export function createRouter() {
-  const route = createValue(parseHash(location.hash));
-  const read = () => route.set(parseHash(location.hash));
+  let address = location.hash;
+  const route = createValue(parseHash(address));
+  const read = () => {
+    address = location.hash;
+    route.set(parseHash(address));
+  };
   addEventListener("hashchange", read);
   return {
     route,
@@ -97,11 +101,12 @@ export function createRouter() {
     },
 
     /**
-     * Same view, other details: no new entry in the history. A view that was left changes nothing.
+     * Same view, other details: no new entry in the history. A view that was left changes nothing, nor does
+     * one whose address has changed without it having been told yet: the new address would be lost.
      * @param {string} hash
      */
     replace(hash) {
-      if (hash === location.hash || parseHash(hash).name !== parseHash(location.hash).name) return;
+      if (hash === address || address !== location.hash || parseHash(hash).name !== parseHash(address).name) return;
       history.replaceState(history.state, "", hash);
       read();
     },

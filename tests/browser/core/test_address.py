@@ -37,6 +37,21 @@ def test_filters_and_selection_survive_a_reload(scene: Scene, user: Visitor):
     assert page.url.endswith(f"?box={scene.box_id('ghost')}")
 
 
+def test_address_that_is_opened_while_a_box_is_chosen_is_kept(scene, user):
+    page = user.open(scene.link())
+    user.wait_until_drawn()
+    row = page.locator(".box", has_text="ghost")
+
+    # The box is chosen after the address has changed, before the page is told of it.
+    row.evaluate(
+        "(row, address) => { location.hash = address; row.click(); }",
+        scene.link(verdict="kept"),
+    )
+
+    expect(page.locator(".box")).to_have_count(2)
+    assert "verdict=kept" in page.url
+
+
 def test_frame_applies_filters_of_its_link_and_counts_hidden_boxes(scene, user):
     # No two neighbours have the same boxes, so that each has to be waited for.
     for query, shown in [
