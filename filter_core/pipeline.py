@@ -403,11 +403,11 @@ def _frame_boxes(
 
 
 def box_class(box: BoxAnnotation) -> str:
-    """The class of a box, as `named_class` gives it."""
-    return named_class(box.class_name, box.type_id, box.base_type)
+    """The class of a box, as `class_name_of` gives it."""
+    return class_name_of(box.class_name, box.type_id, box.base_type)
 
 
-def named_class(
+def class_name_of(
     class_name: str | None, type_id: str | None, base_type: str | None
 ) -> str:
     """The class of a box: as given, else its blueprint's, else the blueprint itself.

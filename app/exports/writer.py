@@ -41,7 +41,7 @@ from filter_core.formats.registry import FORMATS, format_of, write_export
 from filter_core.formats.same import SOURCE_LABELS
 from filter_core.formats.tally import Counts
 from filter_core.images.drawing import DrawnBox, png_with_boxes
-from filter_core.pipeline import named_class
+from filter_core.pipeline import class_name_of
 from filter_core.segmentation.reading import SegmentationOptions, in_colors
 from filter_core.values import JsonObject, as_text
 from filter_core.verdicts import DecidedBoxes
@@ -306,7 +306,7 @@ def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:
     annotation: JsonObject = json.loads(text)
     if renamed:
         for box in annotation.get("boxes", ()):
-            sent = named_class(*map(box.get, ("class", "type_id", "base_type")))
+            sent = class_name_of(*map(box.get, ("class", "type_id", "base_type")))
             if sent in renamed:
                 box["class"] = renamed[sent]
     return annotation

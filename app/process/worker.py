@@ -224,7 +224,7 @@ async def _join(
 
     threading.Thread(target=wait_for_parent, daemon=True).start()
     shown = security(certificates_of(services.settings), encrypted=address.is_encrypted)
-    if not await _answers(address, shown, endpoint.patience_s):
+    if not await _is_reachable(address, shown, endpoint.patience_s):
         return AWAY
     worker = Worker(
         str(address),
@@ -258,7 +258,9 @@ async def _join(
     return 0
 
 
-async def _answers(address: EngineAddress, shown: Security, patience_s: float) -> bool:
+async def _is_reachable(
+    address: EngineAddress, shown: Security, patience_s: float
+) -> bool:
     from distributed.core import connect
 
     try:

@@ -80,12 +80,12 @@ def decide_all(task: Task[Run]) -> None:
         boxes = frames_state(session, dataset.id)[1]
         # The counts are stored, and in the table `flips` which boxes get another
         # reason. If the run activates, its verdicts become current.
-        activation = Activation(session, run, _Progress(task, run.total, boxes))
+        decider = RunDecider(session, run, _Progress(task, run.total, boxes))
         for former, numbers in parts_of(context, session, run):
-            activation.decide(former, numbers, active, scope.config)
+            decider.decide(former, numbers, active, scope.config)
         run.previous_run_id = dataset.active_run_id
         if run.activate:
-            current.replace_tallies(session, dataset.id, activation.tallies)
+            current.replace_tallies(session, dataset.id, decider.tallies)
             measurement = EvidenceRepository(session).measurement_with_id(
                 scope.measurement_id
             )
@@ -98,8 +98,8 @@ def decide_all(task: Task[Run]) -> None:
                 name: now for name, now in renamed.items() if before.get(name) != now
             }
             datasets.rename_classes(dataset.id, changed)
-        run.changed, run.done = activation.flips.changed, run.total
-        run.counts = activation.flips.verdicts()
+        run.changed, run.done = decider.flips.changed, run.total
+        run.counts = decider.flips.verdicts()
         run.last_review_id = LatestAnswers(session).newest_id()
         task.end_job(session)
 
@@ -124,7 +124,7 @@ def refresh_doubt(context: ServiceContext) -> None:
             DatasetRepository(session).has_this_doubt(dataset)
 
 
-class Activation:
+class RunDecider:
     """Stores which boxes a run changes, part by part, in memory of a constant size.
 
     It counts them, and writes new decisions only if the run is to be activated.

@@ -143,11 +143,11 @@ class FlipTable:
             for code, verdict in enumerate(VERDICTS)
         }
 
-    def flips(self) -> dict[str, int]:
+    def flips_by_class(self) -> dict[str, int]:
         """How many boxes of each class have another verdict, if any have."""
         return self._by_class(_FLIPS)
 
-    def sides(self) -> dict[str, wire.FlipCounts]:
+    def directions_by_class(self) -> dict[str, wire.FlipCounts]:
         """How many boxes of each class became kept and rejected, if any did."""
         sides = {side: self._by_class(which) for side, which in _SIDES.items()}
         return {
@@ -242,7 +242,7 @@ class _Decided:
         distances: FloatArray = np.abs(margins)
         return distances
 
-    def sides(self, places: IntArray) -> list[wire.FlipSide]:
+    def flip_sides(self, places: IntArray) -> list[wire.FlipSide]:
         """The decisions on boxes with these indexes."""
         rows = self.rows_of(places)
         matches = floats_or_none(self.evidence.shown_match(rows))
@@ -305,8 +305,8 @@ def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[wire.Fli
             after.numbers.box_ids[rows].tolist(),
             after.numbers.frame_ids[rows].tolist(),
             after.evidence.class_index[rows].tolist(),
-            before.sides(places),
-            after.sides(places),
+            before.flip_sides(places),
+            after.flip_sides(places),
             _causes(before, after, places),
             strict=True,
         )
@@ -400,9 +400,9 @@ def preview(
         ),
         decided_by={name: boxes for name, boxes in kinds.items() if boxes},
         flips=wire.Flips(
-            total=sum(table.flips().values()),
+            total=sum(table.flips_by_class().values()),
             **table.totals(),
-            by_class=table.sides(),
+            by_class=table.directions_by_class(),
             items=_with_rectangles(session, shown, measurement.id),
         ),
         scores=wire.TruthScores(
@@ -504,7 +504,7 @@ def run_diff(
     if len(nearest.found) > limit:
         distance, box_id, _ = listed[-1]
         following = cursor_after(distance, box_id)
-    by_class, sides = table.flips(), table.sides()
+    by_class, sides = table.flips_by_class(), table.directions_by_class()
     return wire.Diff(
         run=runs[1].id,
         against=runs[0].id,

@@ -100,7 +100,7 @@ class Call(Generic[T]):
             )
 
 
-Page: TypeAlias = tuple[Iterator[T], str | None]
+ItemsAndCursor: TypeAlias = tuple[Iterator[T], str | None]
 """Items of a list, read lazily, and the cursor of the next page; None: the last one."""
 
 
@@ -112,14 +112,14 @@ class Listing(Generic[T]):
     item: JsonReader[T]
     params: Params = field(default_factory=dict)
 
-    def page(self, cursor: str | None = None) -> Call[Page[T]]:
+    def page(self, cursor: str | None = None) -> Call[ItemsAndCursor[T]]:
         """The call for the first page, or for the page that the cursor names."""
         params = {"limit": PAGE_SIZE, **self.params}
         if cursor is not None:
             params["cursor"] = cursor
         return Call("GET", self.path, self._page, params=params)
 
-    def _page(self, response: httpx.Response) -> Page[T]:
+    def _page(self, response: httpx.Response) -> ItemsAndCursor[T]:
         page = body_of(response)
         items = page.get("items")
         if not isinstance(items, list):
