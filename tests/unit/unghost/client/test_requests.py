@@ -15,7 +15,7 @@ from tests.pins import stored
 from tests.support.response_checks import DECISION
 from tests.support.sensors import experiment_report
 from unghost.client.api import Api
-from unghost.client.call import Call, Listing, Page, query_of
+from unghost.client.call import Call, ItemsAndCursor, Listing, query_of
 from unghost.wire import Decision, Selection
 
 DOCUMENT = stored.read("openapi")
@@ -39,7 +39,7 @@ class Recorder(Api):
     def _send(self, call: Call[Any]) -> Call[Any]:
         return call
 
-    def _pages(self, listing: Listing[Any]) -> Call[Page[Any]]:
+    def _pages(self, listing: Listing[Any]) -> Call[ItemsAndCursor[Any]]:
         return listing.page()
 
     _boxes = _pages
