@@ -25,8 +25,8 @@ from unghost.street.paint import (
     SurfaceKind,
     Tag,
     cloudy_tile,
+    column,
     coverage,
-    f32,
     grain_tile,
     hashed,
     mixed,
@@ -328,9 +328,9 @@ class Walls:
 
     Parameters
     ----------
-    position, normal : (N, 3) world
-    albedo : (N, 3) linear, the wall's own colour
-    params : (N, 4) the paint's: where x and y axes start, style and seed, roof height
+    position, normal : (3, N) world
+    albedo : (3, N) linear, the wall's own colour
+    params : (4, N) the paint's: where x and y axes start, style and seed, roof height
     footprint : (N,) metres per pixel, upright and across
     """
 
@@ -342,15 +342,15 @@ class Walls:
         params: Float32,
         footprint: tuple[Float32, Float32],
     ) -> None:
-        self._albedo, self._roof = albedo, params[:, 3]
-        style_and_seed = params[:, 2].astype(np.int32)
+        self._albedo, self._roof = albedo, params[3]
+        style_and_seed = params[2].astype(np.int32)
         style, seed = style_and_seed // 1000, style_and_seed % 1000
-        facing_x = np.abs(normal[:, 0]) > np.abs(normal[:, 1])
-        along_x, along_y = (position[:, axis] - params[:, axis] for axis in (0, 1))
+        facing_x = np.abs(normal[0]) > np.abs(normal[1])
+        along_x, along_y = (position[axis] - params[axis] for axis in (0, 1))
         u = np.where(facing_x, along_y, along_x)
         seed = seed + 7 * facing_x
         self._seed, self._u = seed, u
-        self._z = position[:, 2]
+        self._z = position[2]
         self._up, self._across = footprint
         self._of = {name: column[style] for name, column in _TABLE.items()}
         of = self._of
@@ -364,6 +364,7 @@ class Walls:
         self._in_storey = above - storey * of["floor"]
         self._shop = (self._storey < 0) & (of["base"] > 0)
         self._dice = hashed(self._bay, self._storey, seed)
+        self._opening = self._window()
 
     def look(self) -> tuple[Float32, Float32, Float32, Float32, Float32]:
         """Colours, shares of mirrored light, own light, open sky, tilt of the glass.
@@ -372,7 +373,7 @@ class Walls:
         """
         of = self._of
         albedo, open_sky = self._bare_wall()
-        half_width, half_height, middle = self._opening()
+        half_width, half_height, middle = self._opening
         du = half_width - np.abs(self._in_bay)
         dv = half_height - np.abs(self._in_storey - middle)
         # No window where the roof would cut it, nor below ground.
@@ -388,16 +389,15 @@ class Walls:
         bars = self._bars(du, dv)
         pane, glow = self._behind_glass(dv)
         albedo = mixed(albedo, pane, glass * (1 - bars))
-        bar_color = np.where(
-            (self._dice > 0.5)[:, None], np.float32(0.62), np.float32(0.09)
-        )
-        albedo = mixed(albedo, np.broadcast_to(bar_color, albedo.shape), glass * bars)
+        bar_gray = np.where(self._dice > 0.5, np.float32(0.62), np.float32(0.09))
+        albedo = mixed(albedo, bar_gray, glass * bars)
         reveal = self._reveal(du, dv, glass)
         gloss = 0.13 * glass * (1 - bars) * (1 + 0.8 * of["glass"])
         tilt = (self._dice - 0.5) * 0.05 * glass
         return albedo, gloss, glow * glass, open_sky * shade * reveal, tilt
 
-    def _opening(self) -> tuple[Float32, Float32, Float32]:
+    def _window(self) -> tuple[Float32, Float32, Float32]:
+        """Half the width and the height of each window, and the middle's height."""
         of = self._of
         half_width = np.where(self._shop, of["bay"] * 0.43, of["width"] / 2)
         half_height = np.where(self._shop, of["base"] * 0.34, of["height"] / 2)
@@ -414,18 +414,18 @@ class Walls:
         stain = sample(cloudy_tile(3), u, z, 14.0) * 0.045
         stain += sample(cloudy_tile(5), u * 3, z * 0.6, 9.0) * 0.030
         grain = sample(grain_tile(7), u, z, 60.0) * 0.05 * near
-        albedo = self._albedo * (1 + stain + grain)[:, None]
+        albedo = self._albedo * (1 + stain + grain)
         course = np.floor(z / 0.09).astype(np.int32)
         brick = np.floor(u / 0.25 + 0.5 * (course & 1).astype(np.float32)).astype(
             np.int32
         )
         tone = (hashed(brick, course) - 0.5) * 0.42 * near
         joint = np.minimum(np.mod(z, 0.09), 0.09 - np.mod(z, 0.09)) < 0.008
-        albedo *= (1 + of["bricks"] * (tone + 0.30 * joint * near))[:, None]
+        albedo *= 1 + of["bricks"] * (tone + 0.30 * joint * near)
         band = coverage(0.11 - np.abs(self._in_storey), self._up) * (of["glass"] < 0.5)
-        albedo = albedo * (1 + 0.16 * band)[:, None]
+        albedo = albedo * (1 + 0.16 * band)
         dirt = np.clip(1 - z / 1.4, 0, 1) * 0.22
-        return albedo * (1 - dirt)[:, None], np.ones_like(u)
+        return albedo * (1 - dirt), np.ones_like(u)
 
     def _sill_shadow(self, du: Float32, dv: Float32) -> Float32:
         """The dark line under a window sill."""
@@ -439,7 +439,7 @@ class Walls:
     def _bars(self, du: Float32, dv: Float32) -> Float32:
         """Glazing bars: the casement, its upright divisions, and a transom."""
         of = self._of
-        half_width, half_height, middle = self._opening()
+        half_width, half_height, middle = self._opening
         panes = np.where(self._shop, 2, of["panes"])
         pane = 2 * half_width / panes
         position = np.mod(self._in_bay + half_width, pane)
@@ -452,25 +452,25 @@ class Walls:
     def _behind_glass(self, dv: Float32) -> tuple[Float32, Float32]:
         """Dark rooms, curtains and blinds, some lights; wares in shops."""
         dice = self._dice
-        room = f32([0.020, 0.024, 0.028]) * (0.5 + 1.5 * dice)[:, None]
+        room = column([0.020, 0.024, 0.028]) * (0.5 + 1.5 * dice)
         drawn = hashed(self._bay, self._storey, self._seed + 31)
-        down = 2 * self._opening()[1] * np.clip(drawn * 1.5 - 0.55, 0, 1)
-        from_top = self._opening()[1] - (self._in_storey - self._opening()[2])
+        down = 2 * self._opening[1] * np.clip(drawn * 1.5 - 0.55, 0, 1)
+        from_top = self._opening[1] - (self._in_storey - self._opening[2])
         curtain = coverage(down - from_top, self._up) * 0.9
-        cloth = f32([0.46, 0.42, 0.36]) * (0.55 + 0.6 * dice)[:, None]
-        pane = mixed(room, cloth.astype(np.float32), curtain * ~self._shop)
+        cloth = column([0.46, 0.42, 0.36]) * (0.55 + 0.6 * dice)
+        pane = mixed(room, cloth, curtain * ~self._shop)
         lit = (dice > 0.93) | (self._shop & (dice > 0.35))
-        warm = f32([0.62, 0.40, 0.19])
+        warm = column([0.62, 0.40, 0.19])
         wares = sample(cloudy_tile(9), self._u, self._z, 70.0) * 0.14 + 0.42
-        pane = np.where((lit & ~self._shop)[:, None], pane + warm * 0.35, pane)
-        pane = np.where((lit & self._shop)[:, None], warm * wares[:, None] * 0.6, pane)
-        return pane.astype(np.float32), np.where(lit, np.float32(0.35), np.float32(0.0))
+        pane = np.where(lit & ~self._shop, pane + warm * 0.35, pane)
+        pane = np.where(lit & self._shop, warm * wares * 0.6, pane)
+        return np.asarray(pane), np.where(lit, np.float32(0.35), np.float32(0.0))
 
     def _reveal(self, du: Float32, dv: Float32, glass: Float32) -> Float32:
         """Windows lie behind the wall: their upper and one side edge are in shade."""
-        half_height, middle = self._opening()[1], self._opening()[2]
+        half_height, middle = self._opening[1], self._opening[2]
         from_top = half_height - (self._in_storey - middle)
-        from_side = self._in_bay + self._opening()[0]
+        from_side = self._in_bay + self._opening[0]
         top = np.clip(1 - from_top / 0.22, 0, 1)
         side = np.clip(1 - from_side / 0.14, 0, 1)
         return np.asarray(1 - 0.62 * np.maximum(top, side) * glass)

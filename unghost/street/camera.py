@@ -26,13 +26,13 @@ from unghost.street.light import (
     shade,
     sky_with_clouds,
 )
-from unghost.street.mesh import Mesh, cross, join, turned
+from unghost.street.mesh import Mesh, cross, dot, join, turned
 from unghost.street.paint import (
-    SURFACE_COLUMNS,
     TILE,
     Float32,
     SurfaceKind,
     Tag,
+    column,
     f32,
     grain_tile,
 )
@@ -178,10 +178,10 @@ class Samples:
 
     Attributes
     ----------
-    uv : (N, 2) px
+    uv : (2, N) px
     winner : (N,) int32, a triangle, `GROUND` or `SKY`
     depth : (N,) metres
-    rays : (N, 3) world directions, one metre deep
+    rays : (3, N) world directions, one metre deep
     """
 
     uv: Float32
@@ -192,7 +192,10 @@ class Samples:
     def part(self, chosen: IntArray) -> Samples:
         """The chosen samples, by their indices, in the order of `chosen`."""
         return Samples(
-            self.uv[chosen], self.winner[chosen], self.depth[chosen], self.rays[chosen]
+            np.take(self.uv, chosen, axis=1),
+            self.winner[chosen],
+            self.depth[chosen],
+            np.take(self.rays, chosen, axis=1),
         )
 
 
@@ -203,7 +206,7 @@ def sampled(visible: VisibleTriangles) -> Samples:
     u, v = np.arange(columns) + 0.5, np.arange(rows) + 0.5
     rays = _rays(camera, u, v)
     # The level ground, up to the horizon
-    plane = -rays[:, 2] / np.float32(camera.position[2])
+    plane = -rays[2] / np.float32(camera.position[2])
     nearness = visible.canvas.nearness.reshape(-1)
     on_ground = (plane > 1 / _HORIZON) & (plane >= nearness)
     nearness = np.where(on_ground, plane, nearness)
@@ -211,18 +214,18 @@ def sampled(visible: VisibleTriangles) -> Samples:
     depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
     solid = np.flatnonzero(winner != SKY)
     depth[solid] = 1 / nearness[solid]
-    uv = np.empty((rows, columns, 2), dtype=np.float32)
-    uv[..., 0], uv[..., 1] = u, v[:, None]
-    return Samples(uv.reshape(-1, 2), winner, depth, rays)
+    uv = np.empty((2, rows, columns), dtype=np.float32)
+    uv[0], uv[1] = u, v[:, None]
+    return Samples(uv.reshape(2, -1), winner, depth, rays)
 
 
 def _rays(camera: Camera, u: Float32, v: Float32) -> Float32:
-    """(H W, 3): forward + right u + up v, without a product per pixel."""
+    """(3, H W): forward + right u + up v, without a product per pixel."""
     focal = camera.intrinsic[0, 0]
     forward, right, up = camera.world_to_camera[:3, :3]
-    across = f32(forward + ((u - camera.width / 2) / focal)[:, None] * right)
-    down = f32(((camera.height / 2 - v) / focal)[:, None] * up)
-    return np.asarray((down[:, None] + across).reshape(-1, 3))
+    across = f32(forward[:, None] + (u - camera.width / 2) / focal * right[:, None])
+    down = f32((camera.height / 2 - v) / focal * up[:, None])
+    return np.asarray((down[:, :, None] + across[:, None]).reshape(3, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +238,7 @@ class Planes:
     tags : (H, W) uint8
     owner : (H, W) int32
         Index of the thing; -1 for sky and ground.
-    normals : (H, W, 3) float32
+    normals : (3, H, W) float32
     """
 
     depth: Float32
@@ -256,86 +259,82 @@ def planes_of(
         samples.depth.reshape(shape),
         tags.reshape(shape),
         owner.reshape(shape),
-        normals.reshape(*shape, 3),
+        normals.reshape(3, *shape),
     )
 
 
-def surfaces(
-    visible: VisibleTriangles, samples: Samples, plan: RoadPlan
-) -> tuple[Pixels, TagImage]:
-    """The samples that do not show the sky, as input of shading, and their tags."""
-    camera, mesh = visible.camera, visible.mesh
-    ground = np.flatnonzero(samples.winner == GROUND)
-    triangle = np.maximum(samples.winner, 0)
-    stretch = np.sqrt(np.einsum("ij,ij->i", samples.rays, samples.rays))
-    direction = samples.rays / stretch[:, None]
-    position = f32(camera.position) + samples.rays * samples.depth[:, None]
-    size = samples.depth / np.float32(camera.intrinsic[0, 0])
-    normal = sample_normals(visible, triangle, samples.uv)
-    normal[ground] = (0.0, 0.0, 1.0)
-    surface, tags = mesh.surface[triangle], mesh.tag[triangle]
-    footprint = ground_footprint(direction[ground], size[ground])
-    x, y = position[ground, 0], position[ground, 1]
-    paint = np.zeros((len(ground), SURFACE_COLUMNS), dtype=np.float32)
-    tags[ground], paint[:, :3] = plan.look(x, y, footprint)
-    paint[:, 3] = _ROAD_GLOSS
-    surface[ground] = paint
-    distance = samples.depth * stretch
-    return Pixels(position, direction, distance, normal, surface, size), tags
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """The F triangles that are seen somewhere, as input of shading.
 
-
-def sample_normals(
-    visible: VisibleTriangles, triangle: NDArray[np.int32], uv: Float32
-) -> Float32:
-    """(N, 3) float32: normals of the triangles at places (N, 2) on the screen."""
-    normals = visible.mesh.normals
-    flat = f32(normals[triangle, 0])
-    numbers, which = _numbered(triangle, len(normals))
-    corner = normals[numbers]
-    # Of the triangles in use, those whose corners have different normals are bent.
-    spread = np.abs(corner[:, 1:] - corner[:, :1]).reshape(-1, 6).sum(axis=1)
-    chosen = np.flatnonzero((spread > 1e-6)[which])
-    flat[chosen] = _smooth(visible, triangle[chosen], uv[chosen], flat[chosen])
-    return flat
-
-
-def _smooth(
-    visible: VisibleTriangles, triangle: NDArray[np.int32], uv: Float32, flat: Float32
-) -> Float32:
-    """A normal divided by the depth is linear on the screen.
-
-    So three coefficients per axis and triangle say it for every sample.
+    Attributes
+    ----------
+    surface : (SURFACE_COLUMNS, F)
+    tag : (F,) uint8
+    normal : (3, F), at the first corner
+    is_bent : (F,) bool: whether other corners have other normals
+    slope : (9, F)
+        The normals of those, divided by the depth, are linear on the screen: how much
+        they grow per pixel along u, along v, and what they are at (0, 0).
     """
-    unique, which = _numbered(triangle, len(visible.mesh))
-    rows = to_homogeneous(visible.mesh.corners[unique], visible.camera)
-    a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
-    inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
-    volume = np.einsum("ni,ni->n", a, cross(b, c))
-    sound = np.abs(volume) > 1e-9
-    inverse /= np.where(sound, volume, 1.0)[:, None, None]
-    slope = np.einsum("nij,njk->nik", inverse, visible.mesh.normals[unique])
-    per_sample = slope.astype(np.float32).reshape(-1, 9)[which]
-    normals = per_sample[:, :3] * uv[:, :1]
-    normals += per_sample[:, 3:6] * uv[:, 1:]
-    normals += per_sample[:, 6:]
-    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
-    good = sound[which] & (length[:, 0] > 1e-12)
-    return np.where(good[:, None], normals / np.maximum(length, 1e-12), flat)
 
+    surface: Float32
+    tag: TagImage
+    normal: Float32
+    is_bent: BoolArray
+    slope: Float32
 
-def _numbered(
-    numbers: NDArray[np.int32] | IntArray, count: int
-) -> tuple[IntArray, IntArray]:
-    """The numbers below `count` that occur, and where each of `numbers` is among them.
+    @classmethod
+    def of(
+        cls, visible: VisibleTriangles, winner: NDArray[np.int32]
+    ) -> tuple[Facets, NDArray[np.int32]]:
+        """The facets, and for each of the winners (N,) which of them it is.
 
-    As `np.unique` with its inverse, without sorting.
-    """
-    used = np.zeros(count, dtype=bool)
-    used[numbers] = True
-    unique = np.flatnonzero(used)
-    place = np.zeros(count, dtype=np.int64)
-    place[unique] = np.arange(len(unique))
-    return unique, place[numbers]
+        Where no triangle is seen, that number says nothing.
+        """
+        mesh, triangle = visible.mesh, np.maximum(winner, 0)
+        is_seen = np.zeros(len(mesh), dtype=bool)
+        is_seen[triangle] = True
+        seen = np.flatnonzero(is_seen)
+        place = np.zeros(len(mesh), dtype=np.int32)
+        place[seen] = np.arange(len(seen))
+
+        normals = mesh.normals[seen]
+        spread = np.abs(normals[:, 1:] - normals[:, :1]).max(axis=(1, 2))
+        bent = np.flatnonzero(spread > 1e-6)
+        rows = to_homogeneous(mesh.corners[seen[bent]], visible.camera)
+        a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
+        inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
+        volume = np.einsum("ni,ni->n", a, cross(b, c))
+        sound = np.abs(volume) > 1e-9
+        inverse = inverse[sound] / volume[sound, None, None]
+        bent = bent[sound]
+        is_bent = np.zeros(len(seen), dtype=bool)
+        is_bent[bent] = True
+        slope = np.zeros((9, len(seen)), dtype=np.float32)
+        slope[:, bent] = np.einsum("nij,njk->ikn", inverse, normals[bent]).reshape(
+            9, -1
+        )
+        facets = cls(
+            np.ascontiguousarray(mesh.surface[seen].T),
+            mesh.tag[seen],
+            np.ascontiguousarray(f32(normals[:, 0]).T),
+            is_bent,
+            slope,
+        )
+        return facets, place[triangle]
+
+    def normals(self, which: NDArray[np.int32], uv: Float32) -> Float32:
+        """(3, N): normals of the facets `which` at places (2, N) on the screen."""
+        normals = np.take(self.normal, which, axis=1)
+        chosen = np.flatnonzero(self.is_bent[which])
+        slope = np.take(self.slope, which[chosen], axis=1)
+        u, v = np.take(uv, chosen, axis=1)
+        bent = slope[:3] * u + slope[3:6] * v + slope[6:]
+        length = np.sqrt(dot(bent, bent))
+        good = np.flatnonzero(length > 1e-12)
+        normals[:, chosen[good]] = bent[:, good] / length[good]
+        return normals
 
 
 class Photographer:
@@ -356,7 +355,6 @@ class Photographer:
         open_sky = ambient_occlusion(depth, float(camera.intrinsic[0, 0])).reshape(-1)
         light, tags, normals = self._shoot(samples, open_sky)
         exposure = self._light.daylight.exposure
-        linear = light.reshape(height, width, 3)
         # Smooth edges: pixels beside another triangle take of their neighbours.
         winner = samples.winner.reshape(height, width)
         edge = np.zeros((height, width), dtype=bool)
@@ -364,42 +362,70 @@ class Photographer:
             differs = winner[before] != winner[after]
             edge[before] |= differs
             edge[after] |= differs
-        linear[edge] = cv2.sepFilter2D(linear, -1, _SMOOTHING, _SMOOTHING)[edge]
-        # Bloom: light brighter than white is spread over neighbouring pixels.
-        small = cv2.resize(linear, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-        over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
-        spilt = cv2.resize(cv2.GaussianBlur(over, (0, 0), 6), (width, height))
-        linear = np.asarray(linear + 0.16 * spilt)
         # The sensor's noise
         rng = np.random.default_rng(noise_seed)
         tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
-        row, column = rng.integers(TILE, size=2)
-        window = np.s_[row : row + height, column : column + width]
+        down, right = rng.integers(TILE, size=2)
+        window = np.s_[down : down + height, right : right + width]
         noise = np.tile(grain_tile(71), tiles)[window] * np.float32(_NOISE)
-        noisy = develop(linear, exposure) + noise[..., None]
-        image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        channels = []
+        for channel in light.reshape(3, height, width):
+            smooth = cv2.sepFilter2D(channel, -1, _SMOOTHING, _SMOOTHING)
+            linear = np.where(edge, smooth, channel)
+            # Bloom: light brighter than white is spread over neighbouring pixels.
+            small = cv2.resize(
+                linear, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA
+            )
+            over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
+            spilt = cv2.resize(cv2.GaussianBlur(over, (0, 0), 6), (width, height))
+            linear += np.float32(0.16) * spilt
+            noisy = develop(linear, exposure) + noise
+            channels.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+        image = np.asarray(cv2.merge(channels))
         return image, planes_of(self._visible, samples, tags, normals)
 
     def _shoot(
         self, samples: Samples, open_sky: Float32
     ) -> tuple[Float32, TagImage, Float32]:
-        """Linear light (N, 3), tags (N,) and normals (N, 3), zero for the sky.
+        """Linear light (3, N), tags (N,) and normals (3, N), zero for the sky.
 
         `open_sky` (N,) is the samples' share of the sky's light.
         """
         count = len(samples.winner)
-        light = np.empty((count, 3), dtype=np.float32)
+        light = np.empty((3, count), dtype=np.float32)
         all_tags = np.full(count, Tag.SKY, dtype=np.uint8)
-        normals = np.zeros((count, 3), dtype=np.float32)
+        normals = np.zeros((3, count), dtype=np.float32)
         sky = np.flatnonzero(samples.winner == SKY)
-        towards = samples.rays[sky]
-        towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        light[sky] = sky_with_clouds(self._light.daylight, towards)
+        towards = np.take(samples.rays, sky, axis=1)
+        towards /= np.sqrt(dot(towards, towards))
+        light[:, sky] = sky_with_clouds(self._light.daylight, towards)
         solid = np.flatnonzero(samples.winner != SKY)
+        facets, which = Facets.of(self._visible, samples.winner)
         # In pieces that fit into the processor's cache.
         for begin in range(0, len(solid), _SAMPLES_AT_ONCE):
             piece = solid[begin : begin + _SAMPLES_AT_ONCE]
-            pixels, tags = surfaces(self._visible, samples.part(piece), self._plan)
-            all_tags[piece], normals[piece] = tags, pixels.normal
-            light[piece] = shade(pixels, open_sky[piece], self._light)
+            pixels, tags = self._surfaces(samples.part(piece), facets, which[piece])
+            all_tags[piece], normals[:, piece] = tags, pixels.normal
+            light[:, piece] = shade(pixels, open_sky[piece], self._light)
         return light, all_tags, normals
+
+    def _surfaces(
+        self, samples: Samples, facets: Facets, which: NDArray[np.int32]
+    ) -> tuple[Pixels, TagImage]:
+        """Samples that do not show the sky, as input of shading, and their tags."""
+        camera, rays = self._visible.camera, samples.rays
+        stretch = np.sqrt(dot(rays, rays))
+        direction = rays / stretch
+        position = column(camera.position) + rays * samples.depth
+        size = samples.depth / np.float32(camera.intrinsic[0, 0])
+        normal = facets.normals(which, samples.uv)
+        surface, tags = np.take(facets.surface, which, axis=1), facets.tag[which]
+        ground = np.flatnonzero(samples.winner == GROUND)
+        normal[:, ground] = column((0.0, 0.0, 1.0))
+        footprint = ground_footprint(direction[:, ground], size[ground])
+        x, y = np.take(position[:2], ground, axis=1)
+        surface[:, ground] = 0
+        tags[ground], surface[:3, ground] = self._plan.look(x, y, footprint)
+        surface[3, ground] = _ROAD_GLOSS
+        distance = samples.depth * stretch
+        return Pixels(position, direction, distance, normal, surface, size), tags

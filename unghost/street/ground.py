@@ -12,8 +12,8 @@ from unghost.street.paint import (
     Float32,
     Tag,
     cloudy_tile,
+    column,
     coverage,
-    f32,
     grain_tile,
     mixed,
     sample,
@@ -26,9 +26,9 @@ SIDEWALK_HEIGHT: Final = 0.14
 _LINE: Final = 0.06
 """Half the width of a painted line, metres."""
 
-_ASPHALT: Final = f32([0.092, 0.092, 0.096])
-_WHITE: Final = f32([0.56, 0.56, 0.54])
-_YELLOW: Final = f32([0.50, 0.34, 0.08])
+_ASPHALT: Final = column([0.092, 0.092, 0.096])
+_WHITE: Final = column([0.56, 0.56, 0.54])
+_YELLOW: Final = column([0.50, 0.34, 0.08])
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class RoadPlan:
     def look(
         self, x: Float32, y: Float32, footprint: tuple[Float32, Float32]
     ) -> tuple[NDArray[np.uint8], Float32]:
-        """Tags (N,) and linear colours (N, 3) of the ground.
+        """Tags (N,) and linear colours (3, N) of the ground.
 
         Parameters
         ----------
@@ -80,10 +80,10 @@ class RoadPlan:
         tags = np.where(lines >= 0.5, np.uint8(Tag.ROAD_LINE), tags)
         asphalt = self._asphalt(x, y, footprint)
         worn = 0.86 + 0.10 * sample(cloudy_tile(3), x, y, 23.0)
-        paint = np.where(yellow[:, None], _YELLOW, _WHITE)
+        paint = np.where(yellow, _YELLOW, _WHITE)
         albedo = mixed(asphalt, paint, np.clip(lines * worn, 0, 1))
         off = np.flatnonzero(~road)
-        albedo[off] = grass(x[off], y[off], footprint[0][off])
+        albedo[:, off] = grass(x[off], y[off], footprint[0][off])
         return tags.astype(np.uint8), albedo
 
     def _on_side_street(self, x: Float32) -> NDArray[np.bool_]:
@@ -160,27 +160,23 @@ class RoadPlan:
         tone -= 0.22 * gutter * (np.abs(y) < self.half_width)
         cracks = np.abs(sample(cloudy_tile(8, octaves=5), x, y, 30.0))
         tone -= 0.24 * near * np.clip(1 - cracks / 0.035, 0, 1)
-        return np.asarray(_ASPHALT * np.maximum(tone, 0.2)[:, None])
+        return np.asarray(_ASPHALT * np.maximum(tone, 0.2))
 
 
 def grass(x: Float32, y: Float32, footprint: Float32) -> Float32:
-    """(N, 3) linear colours of a lawn."""
+    """(3, N) linear colours of a lawn."""
     near = 1 / (1 + (footprint * 14) ** 2)
     tone = 1 + 0.20 * sample(cloudy_tile(13), x, y, 12.0)
     tone += 0.24 * near * sample(grain_tile(14), x, y, 26.0)
     dry = np.clip(0.35 + 0.3 * sample(cloudy_tile(15), x, y, 5.0), 0, 1)
-    green = mixed(
-        np.broadcast_to(f32([0.060, 0.110, 0.026]), (len(x), 3)),
-        np.broadcast_to(f32([0.150, 0.150, 0.055]), (len(x), 3)),
-        dry.astype(np.float32),
-    )
-    return np.asarray(green * np.maximum(tone, 0.25)[:, None])
+    green = mixed(column([0.060, 0.110, 0.026]), column([0.150, 0.150, 0.055]), dry)
+    return np.asarray(green * np.maximum(tone, 0.25))
 
 
 def paving(
     x: Float32, y: Float32, base: Float32, footprint: tuple[Float32, Float32]
 ) -> Float32:
-    """(N, 3) linear colours of a sidewalk of slabs."""
+    """(3, N) linear colours of a sidewalk of slabs."""
     along, across = footprint
     row, column = np.floor(x / 0.8).astype(np.int32), np.floor(y / 0.6).astype(np.int32)
     u, v = np.mod(x, 0.8), np.mod(y, 0.6)
@@ -195,19 +191,19 @@ def paving(
         grain_tile(33), row.astype(np.float32), column.astype(np.float32), 1.0
     )
     tone += 0.055 * np.clip(slab, -2, 2) * near - 0.42 * joint * near
-    return np.asarray(base * np.maximum(tone, 0.2)[:, None])
+    return np.asarray(base * np.maximum(tone, 0.2))
 
 
 def ground_footprint(
     ray: Float32, metres_per_pixel: Float32
 ) -> tuple[Float32, Float32]:
-    """Metres of level ground per pixel along x and y.
+    """Metres of level ground per pixel along x and y, for rays (3, N).
 
     Rays that graze the ground see far along their own direction.
     """
-    steep = np.maximum(np.abs(ray[:, 2]), np.float32(1e-3))
+    steep = np.maximum(np.abs(ray[2]), np.float32(1e-3))
     stretch = 1 / steep - 1
     return (
-        metres_per_pixel * (1 + np.abs(ray[:, 0]) * stretch),
-        metres_per_pixel * (1 + np.abs(ray[:, 1]) * stretch),
+        metres_per_pixel * (1 + np.abs(ray[0]) * stretch),
+        metres_per_pixel * (1 + np.abs(ray[1]) * stretch),
     )

@@ -19,14 +19,16 @@ from numpy.typing import NDArray
 from filter_core.arrays import FloatArray
 from unghost.street.buildings import Walls
 from unghost.street.ground import grass, ground_footprint, paving
-from unghost.street.mesh import Mesh, along, join, turned
+from unghost.street.mesh import Mesh, along, dot, join, turned
 from unghost.street.paint import (
     RGB,
     TILE,
     Float32,
     SurfaceKind,
     cloudy_tile,
+    column,
     f32,
+    mixed,
     power,
     sample,
 )
@@ -72,7 +74,17 @@ class Lighting:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """N pixels that show a surface: its position and its material."""
+    """N pixels that show a surface: its position and its material.
+
+    Each row of an array is one quantity of all pixels: numpy is many times slower where
+    the last axis has three numbers.
+
+    Attributes
+    ----------
+    position, direction, normal : (3, N), of the world; metres, and unit lengths
+    distance, metres_per_pixel : (N,)
+    surface : (SURFACE_COLUMNS, N)
+    """
 
     position: Float32
     direction: Float32
@@ -94,105 +106,103 @@ class Look:
 
 
 def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
-    """(N, 3) linear light that reaches the camera, haze included."""
+    """(3, N) linear light that reaches the camera, haze included."""
     look = _looks(pixels)
     look.open_sky = look.open_sky * open_sky
-    leaf = pixels.surface[:, 5] == SurfaceKind.LEAF
+    leaf = pixels.surface[5] == SurfaceKind.LEAF
     diffuse = look.albedo * _irradiance(pixels, look, leaf, light)
     shiny = np.flatnonzero(look.gloss > 0)
-    diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.daylight)
-    diffuse += look.albedo * look.glow[:, None] * 2.0
+    diffuse[:, shiny] = _with_mirror(pixels, look, diffuse, shiny, light.daylight)
+    diffuse += look.albedo * (look.glow * np.float32(2.0))
     level = pixels.direction.copy()
-    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
+    level[2] = np.abs(level[2]) * 0.3 + 0.01
     air = sky_light(light.daylight, level) * 0.92
     share = 1 - np.exp(-((pixels.distance * light.daylight.haze) ** 1.25))
-    hazed: Float32 = diffuse + (air - diffuse) * share[:, None]
+    hazed: Float32 = diffuse + (air - diffuse) * share
     return hazed
 
 
 def _looks(pixels: Pixels) -> Look:
     surface = pixels.surface
     look = Look(
-        albedo=surface[:, :3].copy(),
-        gloss=surface[:, 3].copy(),
-        glow=surface[:, 4].copy(),
-        open_sky=np.ones(len(surface), dtype=np.float32),
+        albedo=surface[:3].copy(),
+        gloss=surface[3].copy(),
+        glow=surface[4].copy(),
+        open_sky=np.ones(surface.shape[1], dtype=np.float32),
         normal=pixels.normal,
     )
-    kind = surface[:, 5]
+    kind = surface[5]
     _look_at_walls(pixels, look, np.flatnonzero(kind == SurfaceKind.FACADE))
     _look_at_masonry(pixels, look, np.flatnonzero(kind == SurfaceKind.MASONRY))
     flat = np.flatnonzero(kind == SurfaceKind.PAVING)
-    x, y = pixels.position[flat, 0], pixels.position[flat, 1]
-    look.albedo[flat] = paving(
-        x,
-        y,
-        look.albedo[flat],
-        ground_footprint(pixels.direction[flat], pixels.metres_per_pixel[flat]),
+    look.albedo[:, flat] = paving(
+        pixels.position[0, flat],
+        pixels.position[1, flat],
+        look.albedo[:, flat],
+        ground_footprint(pixels.direction[:, flat], pixels.metres_per_pixel[flat]),
     )
     lawn = np.flatnonzero(kind == SurfaceKind.GRASS)
-    x, y = pixels.position[lawn, 0], pixels.position[lawn, 1]
-    look.albedo[lawn] = grass(
-        x, y, ground_footprint(pixels.direction[lawn], pixels.metres_per_pixel[lawn])[0]
+    footprint = ground_footprint(
+        pixels.direction[:, lawn], pixels.metres_per_pixel[lawn]
+    )
+    look.albedo[:, lawn] = grass(
+        pixels.position[0, lawn], pixels.position[1, lawn], footprint[0]
     )
     return look
 
 
 def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
     size = pixels.metres_per_pixel[chosen]
-    facing = np.abs(
-        np.einsum("ij,ij->i", pixels.normal[chosen], pixels.direction[chosen])
-    )
-    upright = np.sqrt(np.maximum(1 - pixels.direction[chosen, 2] ** 2, 0.05))
+    normal, direction = pixels.normal[:, chosen], pixels.direction[:, chosen]
+    facing = np.abs(dot(normal, direction))
+    upright = np.sqrt(np.maximum(1 - direction[2] ** 2, 0.05))
+    surface = pixels.surface[:, chosen]
     walls = Walls(
-        pixels.position[chosen],
-        pixels.normal[chosen],
-        pixels.surface[chosen, :3],
-        pixels.surface[chosen, 6:10],
+        pixels.position[:, chosen],
+        normal,
+        surface[:3],
+        surface[6:10],
         (size / upright, size / np.maximum(facing, 0.04)),
     )
     albedo, gloss, glow, open_sky, tilt = walls.look()
-    look.albedo[chosen], look.gloss[chosen] = albedo, gloss
+    look.albedo[:, chosen], look.gloss[chosen] = albedo, gloss
     look.glow[chosen], look.open_sky[chosen] = glow, open_sky
-    bent = np.stack([tilt, -tilt, 0.4 * tilt], axis=1)
-    look.normal[chosen] = pixels.normal[chosen] + bent
+    look.normal[:, chosen] = normal + np.stack([tilt, -tilt, 0.4 * tilt])
 
 
 def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
-    position = pixels.position[chosen]
-    along = position[:, 0] + position[:, 1]
-    z = position[:, 2]
+    x, y, z = pixels.position[:, chosen]
+    along = x + y
     tone = 1 + 0.09 * sample(cloudy_tile(41), along, z, 18.0)
     tone += 0.07 * sample(cloudy_tile(42), along * 0.5, z * 3, 30.0)
     near = 1 / (1 + (pixels.metres_per_pixel[chosen] * 40) ** 2)
     joint = np.mod(z, 0.3) < 0.02
     joint |= np.mod(along + 0.3 * (np.floor(z / 0.3) % 2), 0.6) < 0.02
-    look.albedo[chosen] *= (tone - 0.22 * joint * near)[:, None]
+    look.albedo[:, chosen] *= tone - 0.22 * joint * near
 
 
 def _irradiance(
     pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Lighting
 ) -> Float32:
     daylight = light.daylight
-    sun = f32(daylight.sun)
-    facing = along(look.normal, sun)
+    facing = dot(look.normal, daylight.sun)
     lit = np.maximum(facing, 0.0)
     # Light also shines through leaves and wraps around their clumps.
     lit = np.where(leaf, 0.20 + 0.58 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
     in_sun = np.flatnonzero(lit > 0)
     shine = np.ones(len(in_sun), dtype=np.float32)
     # Start from the front side of the surface, or its own texels would shade it.
-    points = pixels.position[in_sun] + look.normal[in_sun] * np.float32(0.05)
+    points = pixels.position + look.normal * np.float32(0.05)
+    points = np.take(points, in_sun, axis=1)
     for shadow in light.shadows:
         shine = np.minimum(shine, shadow.shine(points))
     direct = np.zeros_like(lit)
     direct[in_sun] = lit[in_sun] * shine
-    upwards = (0.5 + 0.5 * look.normal[:, 2])[:, None]
-    dome = f32(daylight.zenith) * 0.55 + f32(daylight.horizon) * 0.45
-    bounce = f32(daylight.bounce)
-    ambient = bounce + (dome - bounce) * upwards
-    total: Float32 = f32(daylight.sunlight) * direct[:, None]
-    total += ambient * look.open_sky[:, None]
+    upwards = 0.5 + 0.5 * look.normal[2]
+    dome = column(daylight.zenith) * 0.55 + column(daylight.horizon) * 0.45
+    ambient = mixed(column(daylight.bounce), dome, upwards)
+    total: Float32 = column(daylight.sunlight) * direct
+    total += ambient * look.open_sky
     return total
 
 
@@ -203,65 +213,59 @@ def _with_mirror(
     shiny: NDArray[np.int64],
     daylight: Daylight,
 ) -> Float32:
-    ray, normal = pixels.direction[shiny], look.normal[shiny]
-    facing = np.einsum("ij,ij->i", ray, normal)
-    away = ray - 2 * facing[:, None] * normal
+    ray, normal = pixels.direction[:, shiny], look.normal[:, shiny]
+    facing = dot(ray, normal)
+    away = ray - 2 * facing * normal
     gloss = look.gloss[shiny]
     grazing = power(1 - np.clip(np.abs(facing), 0, 1), 5)
     share = gloss + (1 - gloss) * grazing * np.minimum(1, gloss * 12)
     mirrored = mirrored_surroundings(daylight, away)
-    towards_sun = np.clip(along(away, daylight.sun), 0, 1)
+    towards_sun = np.clip(dot(away, daylight.sun), 0, 1)
     sparkle = 9.0 * power(towards_sun, 220) + 0.35 * power(towards_sun, 24)
     sparkle *= gloss > 0.03
-    mirrored = mirrored + f32(daylight.sunlight) * sparkle[:, None]
-    mirrored *= look.open_sky[shiny][:, None]
-    seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
-    return seen
+    mirrored = mirrored + column(daylight.sunlight) * sparkle
+    mirrored *= look.open_sky[shiny]
+    return mixed(diffuse[:, shiny], mirrored, share)
 
 
 def sky_light(daylight: Daylight, direction: Float32) -> Float32:
-    """(N, 3): light from each direction of the sky, without clouds."""
-    height = np.clip(direction[:, 2], 0.0, 1.0)
-    share = np.sqrt(height)[:, None]
-    low, high = f32(daylight.horizon), f32(daylight.zenith)
-    light = low + (high - low) * share
-    towards = np.clip(along(direction, daylight.sun), 0.0, 1.0)
+    """(3, N): light from each direction (3, N) of the sky, without clouds."""
+    share = np.sqrt(np.clip(direction[2], 0.0, 1.0))
+    light = mixed(column(daylight.horizon), column(daylight.zenith), share)
+    towards = np.clip(dot(direction, daylight.sun), 0.0, 1.0)
     halo = 0.28 * power(towards, 6) + 0.55 * power(towards, 48)
-    return light + f32(daylight.sunlight) * (0.22 * halo)[:, None]
+    return np.asarray(light + column(daylight.sunlight) * (0.22 * halo))
 
 
 def mirrored_surroundings(daylight: Daylight, direction: Float32) -> Float32:
-    """(N, 3): what a mirror in a street shows: sky above, dull houses, road below."""
+    """(3, N): what a mirror in a street shows: sky above, dull houses, road below."""
     light = sky_light(daylight, direction)
-    house = f32(daylight.bounce) * 1.1 + f32(daylight.horizon) * 0.10
+    road = column(daylight.bounce)
+    house = road * 1.1 + column(daylight.horizon) * 0.10
     # Roof lines are not level: a wobble around the horizon makes the mirror believable.
-    bearing = np.arctan2(direction[:, 1], direction[:, 0])
+    bearing = np.arctan2(direction[1], direction[0])
     roofs = 0.22 + 0.10 * np.sin(7.0 * bearing) * np.sin(17.0 * bearing + 1.0)
-    above = np.clip((direction[:, 2] - roofs) / 0.06 + 0.5, 0.0, 1.0)[:, None]
-    below = np.clip(-direction[:, 2] / 0.1, 0.0, 1.0)[:, None]
-    surroundings = house + (f32(daylight.bounce) * 0.55 - house) * below
-    mirrored: Float32 = surroundings + (light - surroundings) * above
-    return mirrored
+    above = np.clip((direction[2] - roofs) / 0.06 + 0.5, 0.0, 1.0)
+    below = np.clip(-direction[2] / 0.1, 0.0, 1.0)
+    return mixed(mixed(house, road * 0.55, below), light, above)
 
 
 def sky_with_clouds(daylight: Daylight, direction: Float32) -> Float32:
-    """(N, 3): the sky as the camera sees it."""
+    """(3, N): the sky as the camera sees it."""
     light = sky_light(daylight, direction)
     if daylight.clouds <= 0:
         return light
-    height = np.maximum(direction[:, 2], 0.02)
+    height = np.maximum(direction[2], 0.02)
     scale = 130.0 / (height + 0.12)
-    u, v = direction[:, 0] * scale, direction[:, 1] * scale
+    u, v = direction[0] * scale, direction[1] * scale
     density = _bilinear(cloudy_tile(11), u, v)
     towards_sun = f32(daylight.sun[:2]) * 9.0
     lit_side = _bilinear(cloudy_tile(11), u + towards_sun[0], v + towards_sun[1])
     cover = np.clip((density + 2.4 * daylight.clouds - 1.35) * 0.75, 0.0, 1.0)
     cover *= np.clip(height * 7.0, 0.0, 1.0) * 0.92
     shine = np.clip(0.86 + 0.22 * (density - lit_side), 0.5, 1.25)
-    white = f32(daylight.horizon) * 0.62 + f32(daylight.sunlight) * 0.20
-    clouds = white * shine[:, None]
-    seen: Float32 = light + (clouds - light) * cover[:, None]
-    return seen
+    white = column(daylight.horizon) * 0.62 + column(daylight.sunlight) * 0.20
+    return mixed(light, white * shine, cover)
 
 
 def _bilinear(tile: Float32, u: Float32, v: Float32) -> Float32:
@@ -318,17 +322,14 @@ class ShadowMap:
         return cls(axes, origin, texel, canvas.nearness)
 
     def shine(self, points: Float32) -> Float32:
-        """(N,) 0..1: how much of the sun reaches each of (N, 3) points."""
+        """(N,) 0..1: how much of the sun reaches each of (3, N) points."""
         axes = self.axes
-        u = (along(points, axes[0]) - np.float32(self.origin[0])) / np.float32(
-            self.texel[0]
-        )
-        v = (along(points, axes[1]) - np.float32(self.origin[1])) / np.float32(
-            self.texel[1]
-        )
-        height = along(points, axes[2]) + np.float32(_BIAS)
+        origin, texel = f32(self.origin), f32(self.texel)
+        u = (dot(points, axes[0]) - origin[0]) / texel[0]
+        v = (dot(points, axes[1]) - origin[1]) / texel[1]
+        height = dot(points, axes[2]) + np.float32(_BIAS)
         rows, columns = self.highest.shape
-        flat, total = self.highest.reshape(-1), np.zeros(len(points), dtype=np.float32)
+        flat, total = self.highest.reshape(-1), np.zeros(len(u), dtype=np.float32)
         for du, dv in _TAPS:
             column = (u + np.float32(du)).astype(np.int32)
             row = (v + np.float32(dv)).astype(np.int32)
@@ -384,7 +385,7 @@ def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
 
 
 def develop(light: Float32, exposure: float) -> Float32:
-    """An image for a display from linear light (H, W, 3), by a curve like film's."""
+    """Levels of a display from linear light, by a curve like film's."""
     root = np.sqrt(light * np.float32(exposure))
     return np.asarray(_LEVELS[np.minimum(root * _STEPS, _LAST).astype(np.int32)])
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from filter_core.arrays import FloatArray
-from unghost.street.paint import DYE_COLUMN, SURFACE_COLUMNS, Paint
+from unghost.street.paint import DYE_COLUMN, SURFACE_COLUMNS, Float32, Paint, f32
 
 Real = TypeVar("Real", np.float32, np.float64)
 Point: TypeAlias = tuple[float, float, float]
@@ -150,6 +150,12 @@ def along(vectors: NDArray[Real], direction: ArrayLike) -> NDArray[Real]:
     """(...,): scalar products of vectors (..., 3) with one direction."""
     x, y, z = np.asarray(direction, dtype=vectors.dtype)
     return np.asarray(vectors[..., 0] * x + vectors[..., 1] * y + vectors[..., 2] * z)
+
+
+def dot(first: Float32, second: ArrayLike) -> Float32:
+    """(N,): scalar products of vectors (3, N) with others, or with one direction."""
+    x, y, z = f32(second)
+    return np.asarray(first[0] * x + first[1] * y + first[2] * z)
 
 
 def block(low: ArrayLike, high: ArrayLike, paint: Paint, tag: int) -> Mesh:

@@ -187,6 +187,11 @@ def coverage(inside: Float32, footprint: Float32 | float) -> Float32:
     return np.asarray(np.clip(inside / footprint + np.float32(0.5), 0.0, 1.0))
 
 
+def column(values: ArrayLike) -> Float32:
+    """A colour or a vector as (3, 1), for arithmetic with (3, N) and (N,)."""
+    return f32(values)[:, None]
+
+
 def mixed(below: Float32, above: Float32, share: Float32) -> Float32:
-    """(N, 3) colours blended, `share` (N,) of the one above."""
-    return np.asarray(below + (above - below) * share[:, None])
+    """(3, N) colours blended, `share` (N,) of the one above."""
+    return np.asarray(below + (above - below) * share)
