@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import inspect
 import logging
 import os
@@ -283,6 +284,8 @@ def unghost(
 
 def main() -> NoReturn:
     """Run the command line and exit with one of the documented codes."""
+    # What is imported lives to the end; at Python's 700 it is scanned over and over.
+    gc.set_threshold(10_000)
     notes = logging.StreamHandler()
     notes.setFormatter(OneLine("unghost: %(message)s"))
     # Not of "unghost": a server logs its own messages below it, in its own form.

@@ -66,6 +66,11 @@ RECORDED: Final = 0.22
 _NICE: Final = 10
 """How far processes that render stand back for others, such as the service that shows
 their frames."""
+_KEEP_MEMORY: Final = {
+    "MALLOC_MMAP_THRESHOLD_": str(1 << 28),
+    "MALLOC_TRIM_THRESHOLD_": str(1 << 28),
+}
+"""Lets glibc use the memory of arrays again, which it would return to the kernel."""
 _TWICE_FROM: Final = 6
 """Cores from which each town is rendered by two processes."""
 
@@ -275,6 +280,7 @@ def render_street(
                 words = (str(seed), str(actors), *map(str, part))
                 child = subprocess.Popen(
                     module_command(__name__, *words),
+                    env=os.environ | _KEEP_MEMORY,
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                 )
