@@ -31,6 +31,7 @@ from unghost.street.paint import (
     hashed,
     mixed,
     sample,
+    wrapped,
 )
 
 TOWN_HOUSE, BRICK, STONE, OFFICE, FLATS, HOUSE = range(6)
@@ -420,7 +421,7 @@ class Walls:
             np.int32
         )
         tone = (hashed(brick, course) - 0.5) * 0.42 * near
-        joint = np.minimum(np.mod(z, 0.09), 0.09 - np.mod(z, 0.09)) < 0.008
+        joint = np.minimum(wrapped(z, 0.09), 0.09 - wrapped(z, 0.09)) < 0.008
         albedo *= 1 + of["bricks"] * (tone + 0.30 * joint * near)
         band = coverage(0.11 - np.abs(self._in_storey), self._up) * (of["glass"] < 0.5)
         albedo = albedo * (1 + 0.16 * band)
@@ -432,9 +433,8 @@ class Walls:
         below = (self._in_storey < self._of["sill"]) & ~self._shop
         depth = np.clip((-dv - self._of["trim"]) / 0.22, 0, 1)
         near = coverage(du + self._of["trim"] + 0.05, self._across)
-        return 1 - 0.34 * near * np.where(below, 1 - depth, 0) * (
-            dv < -self._of["trim"]
-        )
+        is_under = below & (dv < -self._of["trim"])
+        return np.asarray(1 - 0.34 * near * (1 - depth) * is_under)
 
     def _bars(self, du: Float32, dv: Float32) -> Float32:
         """Glazing bars: the casement, its upright divisions, and a transom."""
@@ -442,7 +442,7 @@ class Walls:
         half_width, half_height, middle = self._opening
         panes = np.where(self._shop, 2, of["panes"])
         pane = 2 * half_width / panes
-        position = np.mod(self._in_bay + half_width, pane)
+        position = wrapped(self._in_bay + half_width, pane)
         upright = 0.035 - np.minimum(position, pane - position)
         casement = 0.055 - np.minimum(du, dv)
         transom = 0.03 - np.abs(self._in_storey - middle - half_height * 0.42)

@@ -17,6 +17,7 @@ from unghost.street.paint import (
     grain_tile,
     mixed,
     sample,
+    wrapped,
 )
 
 LANE, PARKING = 3.5, 2.4
@@ -102,13 +103,13 @@ class RoadPlan:
         open_road = coverage(gap - 5.4, along)
         centre = coverage(_LINE - np.abs(side - 0.15), across) * open_road
         edge = coverage(_LINE - np.abs(side - self.lanes_edge), across) * open_road
-        dash = coverage(1.5 - np.abs(np.mod(x, 7.5) - 3.75), along)
+        dash = coverage(1.5 - np.abs(wrapped(x, 7.5) - 3.75), along)
         between = np.zeros_like(x)
         for lane in range(1, self.lanes):
             strip = coverage(_LINE - np.abs(side - lane * LANE), across)
             between = np.maximum(between, strip * dash)
         between *= open_road
-        zebra = coverage(0.25 - np.abs(np.mod(side, 1.0) - 0.5), across)
+        zebra = coverage(0.25 - np.abs(wrapped(side, 1.0) - 0.5), across)
         zebra *= coverage(1.5 - np.abs(gap - 2.2), along)
         zebra *= side < self.half_width - 0.4
         stop = coverage(0.2 - np.abs(gap - 5.0), along)
@@ -128,9 +129,9 @@ class RoadPlan:
         along, across = footprint
         off = self._from_crossing(x)
         gap = np.abs(y) - self.half_width
-        dash = coverage(1.5 - np.abs(np.mod(y, 6.0) - 3.0), across)
+        dash = coverage(1.5 - np.abs(wrapped(y, 6.0) - 3.0), across)
         middle = coverage(_LINE - off, along) * dash * coverage(gap - 5.4, across)
-        zebra = coverage(0.25 - np.abs(np.mod(off, 1.0) - 0.5), along)
+        zebra = coverage(0.25 - np.abs(wrapped(off, 1.0) - 0.5), along)
         zebra *= coverage(1.5 - np.abs(gap - 2.0), across) * (
             off < self.side_half_width - 0.4
         )
@@ -151,7 +152,7 @@ class RoadPlan:
         tone = 1 + 0.085 * sample(cloudy_tile(21), x, y, 9.0)
         tone += 0.06 * sample(cloudy_tile(22), x * 0.25, y * 2.0, 22.0)
         tone += 0.17 * near * sample(grain_tile(4), x, y, 55.0)
-        in_lane = np.mod(np.abs(y), LANE) - LANE / 2
+        in_lane = wrapped(np.abs(y), LANE) - LANE / 2
         driven = np.abs(y) < self.lanes_edge
         track = np.exp(-(((np.abs(in_lane) - 0.78) / 0.30) ** 2))
         oil = np.exp(-((in_lane / 0.35) ** 2))
@@ -179,7 +180,7 @@ def paving(
     """(3, N) linear colours of a sidewalk of slabs."""
     along, across = footprint
     row, column = np.floor(x / 0.8).astype(np.int32), np.floor(y / 0.6).astype(np.int32)
-    u, v = np.mod(x, 0.8), np.mod(y, 0.6)
+    u, v = wrapped(x, 0.8), wrapped(y, 0.6)
     joint = np.maximum(
         coverage(0.012 - np.minimum(u, 0.8 - u), along),
         coverage(0.012 - np.minimum(v, 0.6 - v), across),

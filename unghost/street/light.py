@@ -31,6 +31,7 @@ from unghost.street.paint import (
     mixed,
     power,
     sample,
+    wrapped,
 )
 from unghost.street.raster import Canvas, draw
 
@@ -117,7 +118,8 @@ def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
     level = pixels.direction.copy()
     level[2] = np.abs(level[2]) * 0.3 + 0.01
     air = sky_light(light.daylight, level) * 0.92
-    share = 1 - np.exp(-((pixels.distance * light.daylight.haze) ** 1.25))
+    depth = pixels.distance * light.daylight.haze
+    share = 1 - np.exp(-depth * np.sqrt(np.sqrt(depth)))
     hazed: Float32 = diffuse + (air - diffuse) * share
     return hazed
 
@@ -153,12 +155,13 @@ def _looks(pixels: Pixels) -> Look:
 
 def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
     size = pixels.metres_per_pixel[chosen]
-    normal, direction = pixels.normal[:, chosen], pixels.direction[:, chosen]
+    normal = np.take(pixels.normal, chosen, axis=1)
+    direction = np.take(pixels.direction, chosen, axis=1)
     facing = np.abs(dot(normal, direction))
     upright = np.sqrt(np.maximum(1 - direction[2] ** 2, 0.05))
-    surface = pixels.surface[:, chosen]
+    surface = np.take(pixels.surface, chosen, axis=1)
     walls = Walls(
-        pixels.position[:, chosen],
+        np.take(pixels.position, chosen, axis=1),
         normal,
         surface[:3],
         surface[6:10],
@@ -171,13 +174,13 @@ def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> Non
 
 
 def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
-    x, y, z = pixels.position[:, chosen]
+    x, y, z = np.take(pixels.position, chosen, axis=1)
     along = x + y
     tone = 1 + 0.09 * sample(cloudy_tile(41), along, z, 18.0)
     tone += 0.07 * sample(cloudy_tile(42), along * 0.5, z * 3, 30.0)
     near = 1 / (1 + (pixels.metres_per_pixel[chosen] * 40) ** 2)
-    joint = np.mod(z, 0.3) < 0.02
-    joint |= np.mod(along + 0.3 * (np.floor(z / 0.3) % 2), 0.6) < 0.02
+    joint = wrapped(z, 0.3) < 0.02
+    joint |= wrapped(along + 0.3 * (np.floor(z / 0.3) % 2), 0.6) < 0.02
     look.albedo[:, chosen] *= tone - 0.22 * joint * near
 
 
@@ -188,7 +191,8 @@ def _irradiance(
     facing = dot(look.normal, daylight.sun)
     lit = np.maximum(facing, 0.0)
     # Light also shines through leaves and wraps around their clumps.
-    lit = np.where(leaf, 0.20 + 0.58 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
+    wrap = np.clip(0.5 + 0.5 * facing[leaf], 0, 1)
+    lit[leaf] = 0.20 + 0.58 * wrap * np.sqrt(wrap)
     in_sun = np.flatnonzero(lit > 0)
     shine = np.ones(len(in_sun), dtype=np.float32)
     # Start from the front side of the surface, or its own texels would shade it.
@@ -213,7 +217,8 @@ def _with_mirror(
     shiny: NDArray[np.int64],
     daylight: Daylight,
 ) -> Float32:
-    ray, normal = pixels.direction[:, shiny], look.normal[:, shiny]
+    ray = np.take(pixels.direction, shiny, axis=1)
+    normal = np.take(look.normal, shiny, axis=1)
     facing = dot(ray, normal)
     away = ray - 2 * facing * normal
     gloss = look.gloss[shiny]
@@ -225,7 +230,7 @@ def _with_mirror(
     sparkle *= gloss > 0.03
     mirrored = mirrored + column(daylight.sunlight) * sparkle
     mirrored *= look.open_sky[shiny]
-    return mixed(diffuse[:, shiny], mirrored, share)
+    return mixed(np.take(diffuse, shiny, axis=1), mirrored, share)
 
 
 def sky_light(daylight: Daylight, direction: Float32) -> Float32:
@@ -329,14 +334,17 @@ class ShadowMap:
         v = (dot(points, axes[1]) - origin[1]) / texel[1]
         height = dot(points, axes[2]) + np.float32(_BIAS)
         rows, columns = self.highest.shape
-        flat, total = self.highest.reshape(-1), np.zeros(len(u), dtype=np.float32)
+        inside = np.flatnonzero((u > 1) & (u < columns - 1) & (v > 1) & (v < rows - 1))
+        u, v, height = u[inside], v[inside], height[inside]
+        flat, total = self.highest.reshape(-1), np.zeros(len(inside), dtype=np.float32)
         for du, dv in _TAPS:
-            column = (u + np.float32(du)).astype(np.int32)
             row = (v + np.float32(dv)).astype(np.int32)
-            inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-            place = np.where(inside, row * columns + column, 0)
-            total += ~inside | (flat[place] <= height)
-        return np.asarray(total / np.float32(len(_TAPS)))
+            total += (
+                flat[row * columns + (u + np.float32(du)).astype(np.int32)] <= height
+            )
+        shine = np.ones(points.shape[1], dtype=np.float32)
+        shine[inside] = total / np.float32(len(_TAPS))
+        return shine
 
 
 def sun_axes(sun: tuple[float, float, float]) -> FloatArray:
