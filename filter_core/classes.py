@@ -106,8 +106,8 @@ def accept_mask_of(
         One of `MEASURED_CLASSES` or an alias; `class_meant_by` gives it for any name.
     family : str or None
         A key of `filter_core.segmentation.palettes.FAMILIES`. None: nothing was
-        measured, so only whether the class is mapped matters; the newest family that
-        maps it answers.
+        measured, and the newest family that maps the class answers. Masks of several
+        classes may then be of several families: compare them with 0 only.
     profile : Profile
         ``carlasimu`` (as family ``paper-table1``): one colour per class.
     override : tag names and numbers, or None
@@ -119,7 +119,7 @@ def accept_mask_of(
         The override names a tag that the family does not have.
     """
     if family is None:
-        return _mask_in_any_family(class_name, profile, override)
+        return _mask_in_first_family(class_name, profile, override)
     palette = FAMILIES[family]
     if override is not None:
         return _mask_of_tags(tuple(override), palette, class_name)
@@ -151,9 +151,13 @@ def _mask_of_tags(tags: tuple[str | int, ...], palette: Palette, owner: str) -> 
     return mask
 
 
-def _mask_in_any_family(
+def _mask_in_first_family(
     class_name: str, profile: Profile, override: Sequence[str | int] | None
 ) -> int:
+    """The mask in the newest family that maps the class; 0 if none does.
+
+    Tags of an override that a family does not have are passed over.
+    """
     for family in ("carla-0.9.14", "carla-0.9.10", "carla-0.9.0", "paper-table1"):
         if override is None:
             mask = _default_mask(canonical_class(class_name), family, profile)

@@ -201,7 +201,7 @@ class ApiRoute(OpenRoute):
 
     @cached_property
     def role(self) -> Role:
-        """The role that the signature of the endpoint names.
+        """The least role that a caller needs: the one in the endpoint's signature.
 
         Raises TypeError: it names none, or several; the service does not start then.
         """

@@ -59,7 +59,7 @@ from app.db.transient import in_a_line, is_transient
 from app.engine.chunk import Job
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.kind import AnyTask, kind_of
-from app.jobs.queries import open_job
+from app.jobs.queries import require_open_job
 from filter_core.errors import FilterError
 
 MOST_ATTEMPTS: Final = 3
@@ -186,7 +186,9 @@ def refuse_frame(
     if chunk is None or chunk.state != "waiting":
         return
     kind = kind_of(job)
-    unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)
+    unfinished = kind.unfinished(
+        session, require_open_job(session, kind.table, job.id), chunk
+    )
     if unfinished[:1] != [frame_id]:
         return
     has_others = len(unfinished) > 1
@@ -222,7 +224,9 @@ def _unfinished_in(session: Session, job: Job, chunks: Sequence[Chunk]) -> str:
     kind = kind_of(job)
     if chunks[0].number == FINAL_STEP:
         return kind.final_step_words or ""
-    return kind.name_unfinished(session, open_job(session, kind.table, job.id), chunks)
+    return kind.name_unfinished(
+        session, require_open_job(session, kind.table, job.id), chunks
+    )
 
 
 def _quarantine(chunk: Chunk) -> None:
@@ -241,7 +245,7 @@ def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
         *(chunk.number, *job, chunk.attempts),
     )
     kind = kind_of(job)
-    row = open_job(session, kind.table, job.id)
+    row = require_open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
     if len(unfinished) < 2 or _follows_another(session, job, row, unfinished[0]):
         _quarantine(chunk)

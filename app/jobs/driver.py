@@ -37,7 +37,7 @@ from app.jobs.attempts import count_death, quarantine_error
 from app.jobs.chunks import FINAL_STEP, ChunkRepository
 from app.jobs.kind import READ_ROW_EVERY_S, AnyKind, is_open, kind_of
 from app.jobs.leases import JobLease, Leases
-from app.jobs.queries import close, open_job
+from app.jobs.queries import close, require_open_job
 from app.jobs.work import stored_error, unexpected_error, work_in_driver
 from filter_core.errors import UnghostError
 
@@ -102,7 +102,7 @@ def _fail(
     """End a job as failed; False if it has ended or another process drives it."""
     try:
         with context.database.write() as session:
-            row = open_job(session, kind_of(lease.job).table, lease.job.id)
+            row = require_open_job(session, kind_of(lease.job).table, lease.job.id)
             # The failure may have been before the lease was taken.
             lease.take(session)
             close(session, row, "failed", error)
@@ -167,7 +167,7 @@ class JobDriver:
 
     def _open_row(self, session: Session) -> JobRow:
         """The job's row; raises JobStopped if the job has ended."""
-        row: JobRow = open_job(session, self.kind.table, self.lease.job.id)
+        row: JobRow = require_open_job(session, self.kind.table, self.lease.job.id)
         return row
 
     def _drive_chunks(self, row: JobRow) -> None:

@@ -21,7 +21,15 @@ from app.db.tables import Chunk
 from app.engine.chunk import Job, JobStopped
 from app.errors import StorageAway
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
-from app.jobs.queries import OPEN, Row, close, find_job, open_job, open_jobs, tell_done
+from app.jobs.queries import (
+    OPEN,
+    Row,
+    close,
+    find_job,
+    open_jobs,
+    require_open_job,
+    tell_done,
+)
 from unghost.wire.runs import Export, Run
 
 READ_ROW_EVERY_S: Final = 0.5
@@ -159,7 +167,7 @@ class Task(Generic[Row]):
 
     def row(self, session: Session) -> Row:
         """The job's row; raises JobStopped if the job has ended."""
-        return open_job(session, self.kind.table, self.job.id)
+        return require_open_job(session, self.kind.table, self.job.id)
 
     def chunk(self, session: Session) -> Chunk | None:
         """The chunk's row, unless its job has been removed."""

@@ -44,7 +44,7 @@ def job_with_id(session: Session, table: type[Row], job_id: int) -> Row:
     return existing(row, table.job_kind, job_id)
 
 
-def open_job(session: Session, table: type[Row], job_id: int) -> Row:
+def require_open_job(session: Session, table: type[Row], job_id: int) -> Row:
     """The row of a job that is queued or running.
 
     Raises JobStopped if the job has ended, or its dataset was deleted.

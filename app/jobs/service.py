@@ -123,12 +123,12 @@ def cancel(
 
 
 def interrupt(context: ServiceContext, session: Session, job: Job) -> None:
-    """Tell a job that it is being cancelled; called before the first statement.
+    """Stop a job's work, so that its cancellation can be written.
 
-    The session's first statement waits for its turn to write, which the final step of
-    this job may hold. On PostgreSQL the final step is withdrawn in a separate
-    transaction, so that a job in another process notices as well. On SQLite, where
-    nothing can be written meanwhile, a flag in this process signals it.
+    Called before the session's first statement, which waits for its turn to write: the
+    final step of this job may hold it. A flag stops the work in this process. On
+    PostgreSQL the final step is also withdrawn, in a transaction of its own, so that
+    another process stops as well. If the session is rolled back, the job starts again.
     """
     context.engine.interrupt(job)
     if not context.database.has_one_writer:

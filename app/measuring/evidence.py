@@ -152,7 +152,10 @@ def pack_numbers(evidence: Evidence, class_ids: Sequence[int]) -> bytes:
 
 
 def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:
-    """Pack only the tags that occur, since most counts are zero."""
+    """Pack the counts (N, N_TAGS) of the tags that occur: most of them are zero.
+
+    None, where no segmentation was counted, is read again as zeros.
+    """
     if counts is None:
         return b""
     box, tag = np.nonzero(counts)

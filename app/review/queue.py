@@ -39,10 +39,14 @@ _Queue: TypeAlias = "list[tuple[BoxFilter, int]]"
 """The parts of a queue, in order, each with the number of its boxes."""
 
 
-def remaining_boxes(
+def count_queue(
     context: ServiceContext, name: str, reviewer: str, request: QueueIn
 ) -> _Queue:
-    """The parts of a queue and their sizes, counted before waiting to write."""
+    """The parts of a queue, in order, with how many boxes each has.
+
+    Called before the first statement of a session that writes, which may have to wait:
+    counting may take long.
+    """
     selection = request.filters
     if not (selection.review or selection.conflict):
         # Undecided boxes, or decided ones for an audit. Without any filter, orders that

@@ -23,7 +23,7 @@ from app.http.transaction import WriteSession, commit_and_respond
 from app.review.bulk import review_many, undo_batch
 from app.review.coached import coached_boxes
 from app.review.history import history
-from app.review.queue import next_boxes, remaining_boxes
+from app.review.queue import count_queue, next_boxes
 from app.review.service import import_answers, review_box, undo_answer
 from unghost.wire import boxes as wire
 
@@ -56,10 +56,11 @@ def take_from_queue(
     services: AppServices,
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
-    queue = remaining_boxes(services, dataset, caller.name, body)
+    parts = count_queue(services, dataset, caller.name, body)
     dataset_row = DatasetRepository(session).named(dataset)
-    boxes = next_boxes(session, dataset_row, caller.name, body, queue)
-    # no-store: a repeated request may get other boxes, so its response is not kept.
+    boxes = next_boxes(session, dataset_row, caller.name, body, parts)
+    # With no-store the response is not stored under the Idempotency-Key of the request:
+    # one that is sent again may get other boxes.
     return json_response(boxes, headers=NO_STORE)
 
 

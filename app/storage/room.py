@@ -61,16 +61,17 @@ def require_room_for_answer(settings: Settings, folder: Path) -> None:
     program, with long comments, they would take the last byte within minutes. Raises
     StorageFull if less than a quarter of it is free on the disk of `folder`.
     """
-    least = int(settings.min_free_bytes) // LEFT_BY_ANSWERS
-    _require_free(free_bytes((folder,)), least)
+    min_free = int(settings.min_free_bytes) // LEFT_BY_ANSWERS
+    _require_free(free_bytes((folder,)), min_free)
 
 
-def _require_free(free: int, least: int, needed_bytes: int = 0) -> None:
-    if free - needed_bytes < least:
+def _require_free(free: int, min_free: int, needed_bytes: int = 0) -> None:
+    """Raise StorageFull if fewer than `min_free` bytes would stay free."""
+    if free - needed_bytes < min_free:
         needed = f", and this needs up to {needed_bytes} more" if needed_bytes else ""
         raise StorageFull(
-            f"{free} bytes are free on the disk of the service, and {least} have to "
-            f"stay free{needed}; nothing more is stored until there is disk space",
+            f"{free} bytes are free on the disk of the service, and {min_free} have to "
+            f"stay free{needed}; this is not stored until there is more disk space",
             retry_after_s=RETRY_S,
         )
 

@@ -446,10 +446,10 @@ def hidden_by(
     """The up to three commonest tags in a box that its class does not accept.
 
     They are taken for what hides it: that they are nearer is not measured. The
-    commonest is the first, of several the lower tag. `HiddenBy.rgb` is white for
-    Unknown. Tags that surround objects without hiding them (Road, RoadLine, Sidewalk,
-    Ground, Terrain, Sky) are left out. `tag_counts` (N_TAGS,) are the pixels of each
-    tag in the box.
+    commonest is the first; of equals, the lower tag. `percent` is of all pixels that
+    are counted in the box. `HiddenBy.rgb` is white for Unknown. Tags that surround
+    objects without hiding them (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are
+    left out. `tag_counts` (N_TAGS,) are the pixels of each tag in the box.
     """
     total = sum(tag_counts)
     hiding = _hiding_tags(accept_mask, family)

@@ -221,7 +221,7 @@ def _score(
     return score, means, np.concatenate(parts)
 
 
-def _seeded(values: Mapping[TrialKey, FloatArray]) -> SeededObject:
+def _interval(values: Mapping[TrialKey, FloatArray]) -> SeededObject:
     """The mean over test sets of the mean over seeds, of (1 + R,) numbers each."""
     rng = np.random.default_rng(_SEED)
     tests = sorted({key.test for key in values})
@@ -254,7 +254,7 @@ def _difference(
     if not pairs:
         nothing = Measured(0.0, 0.0, 0.0).as_dict()
         return {**nothing, "by_seed": {}, "shown": False}
-    seeded = _seeded(pairs)
+    seeded = _interval(pairs)
     signs = {np.sign(difference) for difference in seeded["by_seed"].values()}
     is_apart = seeded["low"] > 0 or seeded["high"] < 0
     several = len(seeded["by_seed"]) > 1
@@ -265,10 +265,15 @@ def _arm_score(
     scores: Sequence[tuple[DetectionScore, dict[str, float]]],
     values: Mapping[TrialKey, FloatArray],
 ) -> ArmScore:
+    """The score of an arm from those of its trials.
+
+    `values` are (1 + R, 2): mAP50 and mAP50-95 of all frames, then of each resample.
+    Other numbers are means over the trials.
+    """
     return {
         "trials": len(scores),
-        "map50": _seeded({key: both[:, 0] for key, both in values.items()}),
-        "map50_95": _seeded({key: both[:, 1] for key, both in values.items()}),
+        "map50": _interval({key: both[:, 0] for key, both in values.items()}),
+        "map50_95": _interval({key: both[:, 1] for key, both in values.items()}),
         "means": _means([means for _, means in scores]),
         "by_class": _means_of_parts([score["by_class"] for score, _ in scores]),
         "by_distance": _means_of_parts([score["by_distance"] for score, _ in scores]),

@@ -253,8 +253,11 @@ class ExportOptions:
         return replace(made, bands=tuple(sorted(set(made.bands))))
 
 
-def changed_options(options: Dataclass) -> frozenset[str]:
-    """Names of the options of an export that differ from their defaults."""
+def non_default_options(options: Dataclass) -> frozenset[str]:
+    """Names of the options of an export that differ from their defaults.
+
+    A format refuses those that it does not have; manifest.json lists the others.
+    """
     return frozenset(
         field.name
         for field in fields(options)

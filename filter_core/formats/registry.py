@@ -38,7 +38,7 @@ from filter_core.formats.export import (
     ExportHead,
     ExportOptions,
     Sink,
-    changed_options,
+    non_default_options,
 )
 from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
@@ -446,7 +446,7 @@ def format_of(name: str, options: ExportOptions) -> Format:
             pointer="/format",
         )
     export_format = FORMATS[name]
-    for option in sorted(changed_options(options) - export_format.options):
+    for option in sorted(non_default_options(options) - export_format.options):
         allowed = ", ".join(sorted(export_format.options)) or "none"
         raise ExportError(
             f"format {name!r} has no option {option!r}; it has {allowed}",

@@ -27,7 +27,7 @@ from filter_core.formats.export import (
     ExportHead,
     ExportOptions,
     Sink,
-    changed_options,
+    non_default_options,
 )
 from filter_core.formats.files import FileNames, Spool, json_bytes
 from filter_core.formats.reading import KEYS_NAME
@@ -443,7 +443,8 @@ class _LabelExport:
             self.context.sink(KEYS_NAME, self.key_list.pieces())
         options = self.context.options
         chosen = {
-            name: getattr(options, name) for name in sorted(changed_options(options))
+            name: getattr(options, name)
+            for name in sorted(non_default_options(options))
         }
         facts = {"options": chosen, **self.context.facts, **self._without_place()}
         self.context.sink("manifest.json", self.tally.manifest(facts))

@@ -152,28 +152,33 @@ def live(
 
     `sensors` are those of the script, by what they are: ``rgb``, ``segmentation``,
     ``depth``, ``instances``, ``semantic_lidar``; at least ``rgb`` or ``segmentation``.
-    All cameras have one pose, size and angle, and ``sensor_tick`` 0. They are listened
-    to here, so that the script must not call ``listen`` itself. `config` is a
+    All cameras have one pose, which is not checked, one size and angle, and
+    ``sensor_tick`` 0. They are listened to here, so that the script must not call
+    ``listen`` itself. In synchronous mode without `on_frame`, each step of the iterator
+    ticks the world, unless `LiveOptions.ticks` says otherwise. `config` is a
     configuration, or the path or the keys of one, as `unghost filter --config` takes
     it.
 
     `on_frame` is called with each `LiveFrame` in a thread of its own, until `close`;
     without it, iterate.
 
-    Raises `CaptureError`: sensors that are unknown, no cameras or not alike, or none.
+    Raises `CaptureError`: an unknown name, an actor of another blueprint, cameras of
+    different size or angle, or neither ``rgb`` nor ``segmentation``.
+    Raises `ConfigError`: the configuration cannot be used.
     """
     synchronous = world.get_settings().synchronous_mode
     options = options or LiveOptions()
-    by_itself = synchronous and on_frame is None
-    own = by_itself if options.ticks is None else options.ticks
-    if own and not synchronous:
+    ticks = options.ticks
+    if ticks is None:
+        ticks = synchronous and on_frame is None
+    if ticks and not synchronous:
         raise CaptureError("ticks: expected a world in synchronous mode, found another")
     if isinstance(config, str | Path):
         config = Path(config).read_text("utf-8")
     if not isinstance(config, FilterConfig):
         config = load_config(config or {}).config
     running = _running(sensors)
-    made = Live(world, running, config, replace(options, ticks=own))
+    session = Live(world, running, config, replace(options, ticks=ticks))
     off = dict.fromkeys(("rgb", "segmentation"), False)
     document: dict[str, object] = {
         "sensors": {**off, **dict.fromkeys(sensors, True)},
@@ -185,7 +190,7 @@ def live(
     view = scenario.camera.model_copy(update={"fov": fov})
     installed = metadata.version("carla")
     # What the first camera is attached to, else itself, which has no box either
-    made.annotator = Annotator(
+    session.annotator = Annotator(
         Scene(
             carla=load_carla(),
             world=world,
@@ -197,8 +202,8 @@ def live(
         options.ego or (running[0].actor.parent or running[0].actor),
         running,
     )
-    made.start(on_frame)
-    return made
+    session.start(on_frame)
+    return session
 
 
 class Live:

@@ -501,7 +501,7 @@ def convert(options: ConvertOptions) -> None:
             raise typer.BadParameter(f"--{option} is for --filter")
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = None if options.to == "same" else _label_options(options)
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     source_frames = sources.open_source(options.source, options.layout, description)
     default_class = sources.default_class_of(source_frames, description)
     advice = RecordingAdvice(default_class, " and written as they came")

@@ -278,7 +278,7 @@ class _Filling:
                         for outcome in client.push(_DEMO_DATASET, [_outgoing(line)]):
                             report.add(outcome)
                         bar(report.seen, self._options.frames)
-                self._push_by_tags(client)
+                self._make_by_tags(client)
                 numbers = client.stats(_DEMO_DATASET)
             self.refused = report.refused
             report.print_problems()
@@ -295,17 +295,22 @@ class _Filling:
             # As for Ctrl-C, on which the server shuts down in order.
             signal.raise_signal(signal.SIGINT)
 
-    def _push_by_tags(self, client: Client) -> None:
+    def _make_by_tags(self, client: Client) -> None:
+        """Make the demo's second dataset, decided by tags, unless there is one.
+
+        The folder of the street must be complete.
+        """
         if _BY_TAGS_DATASET in {dataset.name for dataset in client.datasets()}:
             return
         folder = street_folder(self._data, self._options)
-        frames = open_source(folder, "manifest", SourceOptions().describe(folder))
+        frames = open_source(folder, "manifest", SourceOptions().description_of(folder))
         ensure_dataset(client, _BY_TAGS_DATASET, NewDataset(), self._screen)
         plain = (replace(frame, others={}) for frame in frames)
         sent = replace(frames, frames=lambda: plain)
         for _ in client.push(_BY_TAGS_DATASET, outgoing(sent)):
             pass
-        # What the order of boxes tells has been measured with the defaults.
+        # Not created with this profile: by default the order of boxes is measured, too,
+        # so that the page can switch to it without reading images.
         version = client.add_config(_BY_TAGS_DATASET, {"profile": "paper"})
         client.wait(client.set_config(_BY_TAGS_DATASET, version.digest))
 

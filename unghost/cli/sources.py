@@ -216,8 +216,11 @@ class SourceOptions:
         """Which files outside the folder may be read: all, since none is uploaded."""
         return {"outside_files": True}
 
-    def describe(self, source: Path) -> RecordingDescription:
-        """How the folder is read: by these options, else by its description.
+    def description_of(self, source: Path) -> RecordingDescription:
+        """How a folder is read: its description, with the given options in front.
+
+        The description is recording.yaml, else that of a recognised recorder. Class
+        maps of both are merged.
 
         Raises `LayoutError`: the description cannot be read.
         Raises `typer.BadParameter`: an option has a wrong value.

@@ -283,11 +283,11 @@ class Api:
     ) -> Listing[wire.Decision]:
         """The boxes of a dataset; filters and `sort` as in the API.
 
-        `class_name` is for `class`. Several classes, reasons or ids may be given as a
-        list.
+        `class_name` is for `class`. Several classes or reasons may be given as a list.
+        All matching boxes are listed, once: `limit` is how many one request fetches.
 
-        All of them: `limit` is how many one request fetches. `to_pandas()`,
-        `to_polars()` and `to_arrow()` of the result read them as a table instead.
+        `to_pandas()`, `to_polars()` and `to_arrow()` of the result read them as a table
+        instead, in the order of frames; they refuse a `sort`.
         """
         params = {"dataset": dataset, **_as_in_api(filters)}
         return Listing(f"{API}/boxes", wire.Decision, params)
@@ -302,14 +302,17 @@ class Api:
         self, /, dataset: str, **filters: Unpack[BoxFilters]
     ) -> Call[wire.Selection]:
         """All boxes that match a filter, as they are now, for `bulk_review`."""
-        conditions = _as_in_api(filters).items()
+        # As a filter in JSON, which has no order and separates several values likewise.
+        conditions = {
+            name: ",".join(value) if isinstance(value, list | tuple) else value
+            for name, value in _as_in_api(filters).items()
+            if name not in ("sort", "limit")
+        }
 
         def read(body: Json) -> wire.Selection:
             return wire.Selection(
                 dataset=dataset,
-                filter={
-                    key: value for key, value in conditions if key not in _COUNT_ONLY
-                },
+                filter=conditions,
                 count=int(body["total"]),
                 snapshot=str(body["snapshot"]),
             )
@@ -794,14 +797,11 @@ def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.Known
     return Call("POST", f"{dataset}/known-frames", read, json={"keys": keys})
 
 
-_COUNT_ONLY: Final = {"count": True, "limit": 1}
-
-
 def _counted(
     dataset: str, filters: Mapping[str, object], read: Callable[[Json], T]
 ) -> Call[T]:
     """The number of boxes of a filter, without the boxes."""
-    params = {"dataset": dataset, **_as_in_api(filters), **_COUNT_ONLY}
+    params = {"dataset": dataset, **_as_in_api(filters), "count": True, "limit": 1}
     return Call("GET", f"{API}/boxes", answer(read), params=params)
 
 

@@ -167,7 +167,7 @@ def wrapped(values: Float32, period: Float32 | float) -> Float32:
 
 
 def power(base: Float32, exponent: int) -> Float32:
-    """A whole power, 1 or more, by squares: many times as fast as numpy's own."""
+    """`base` to a whole exponent of at least 1: many times as fast as numpy's own."""
     result = base
     for digit in f"{exponent:b}"[1:]:
         result = result * result

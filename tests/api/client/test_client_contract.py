@@ -50,6 +50,20 @@ def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled_dat
     assert client.count_boxes(filled_dataset, verdict="rejected", class_name="car") == 3
 
 
+def test_selection_of_several_reasons_in_an_order_can_be_answered(
+    client, filled_dataset
+):
+    reasons = sorted({box.reason for box in client.boxes(filled_dataset)})
+
+    selection = client.select_boxes(
+        filled_dataset, reason=reasons, sort="-match_percent", limit=5
+    )
+    batch = client.bulk_review(filled_dataset, "keep", selection)
+
+    assert len(reasons) > 1
+    assert batch.count == selection.count == client.count_boxes(filled_dataset)
+
+
 def test_pictures_of_a_frame_and_a_box_are_webp_files(client, filled_dataset):
     frame, box = next(client.frames(filled_dataset)), next(client.boxes(filled_dataset))
 

@@ -304,7 +304,7 @@ def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
 
     pushing = _pushing(folder, dataset, options)
     report = PushReport(options.screen)
-    frames = open_source(folder, pushing.layout, pushing.describe(folder))
+    frames = open_source(folder, pushing.layout, pushing.description_of(folder))
     with pushing.connect() as client:
         send(client, pushing, frames, report)
     report.print_summary(frames.unmatched, dataset)

@@ -81,7 +81,7 @@ def draw(options: DrawOptions) -> None:
     from filter_core.formats.files import new_folder
     from filter_core.local import in_order
 
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     config = sources.read_config(options.config, options, description, options.screen)
     rival = None
     if options.against is not None:

@@ -106,7 +106,7 @@ def evaluate(options: EvaluateOptions) -> None:
     from filter_core.evaluation.comparison import COMPARED
     from filter_core.local import EvaluationTask, evaluate_source, read_truth
 
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     frames = sources.open_source(options.source, options.layout, description)
     screen = options.screen
     task = EvaluationTask(

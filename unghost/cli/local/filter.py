@@ -104,7 +104,7 @@ def filter_local(options: FilterOptions) -> None:
     from filter_core.inspection.remarks import BoxSummary, RecordingAdvice
     from filter_core.local import boxes_by_class
 
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     config = sources.read_config(options.config, options, description, options.screen)
     check = sources.FrameCheck()
     frames = sources.open_source(options.source, options.layout, description)

@@ -54,7 +54,7 @@ def inspect(options: InspectOptions) -> None:
 
     if options.write is not None and options.write.exists():
         raise Refused(f"{options.write} exists already, and was not replaced")
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     if options.layout != "auto":
         description = replace(description, layout=options.layout)
     with options.screen.progress("inspect", "frames") as advance:

@@ -75,7 +75,7 @@ def replay(options: ReplayOptions) -> None:
     from filter_core.formats.files import new_folder
     from filter_core.local import in_order
 
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     base = sources.read_config(options.config, options, description, options.screen)
     arms = [Arm(kind) for kind in ("auto", "paper", "carlasimu")]
     # Arms without a configuration leave the labels as they are: these three have one.

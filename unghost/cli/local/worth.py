@@ -181,7 +181,7 @@ def worth_it(options: WorthOptions) -> None:
     if not options.no_train:
         _train_and_compare(options)
         return
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     task = _task(options, description, "all")
     noise, left_out = _count_labels(options, description, task)
     facts = {"truth": options.truth, "object_pixels": options.object_pixels}
@@ -259,7 +259,7 @@ def _train_and_compare(options: WorthOptions) -> None:
     if options.html is not None:
         raise typer.BadParameter("--html is for --no-train; --output gets report.html")
     seeds = _seeds(options.seeds)
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     task = _task(options, description, _TRAINED)
     experiment = Experiment(options.output)
     with refused_on(TrialError), ExitStack() as opened:

@@ -140,7 +140,7 @@ def push(options: PushOptions) -> None:
     report = PushReport(options.screen)
     check = sources.FrameCheck()
     answers: list[dict[str, object]] = []
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     # How segmentations are read are settings of a dataset, not of its configuration.
     settings = description.segmentation_settings()
     described = {
@@ -241,7 +241,7 @@ def import_edited(options: PushOptions, edited: Path) -> None:
     from filter_core.evaluation.edited import edited_answers
     from filter_core.formats.registry import read_source
 
-    description = options.describe(options.source)
+    description = options.description_of(options.source)
     exported = sources.open_source(options.source, options.layout, description)
     if exported.layout not in _EDITABLE:
         raise LayoutError(

@@ -21,7 +21,7 @@ from app.catalog.frames import frames_state, key_rows
 from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.review.bulk import review_many
-from app.review.queue import next_boxes, remaining_boxes
+from app.review.queue import count_queue, next_boxes
 from app.review.service import review_box
 from app.security import Principal
 from tests.support.databases import migrated_postgres
@@ -169,7 +169,7 @@ def test_page_of_boxes_reads_few_rows(session, dataset_row, name, order):
 @pytest.mark.parametrize("order", ["doubt", "random", "class"])
 def test_queue_reads_few_rows(context, session, dataset_row, order):
     request = QueueIn(order=order, limit=PAGE)
-    queue = remaining_boxes(context, NAME, "ada", request)
+    queue = count_queue(context, NAME, "ada", request)
 
     with context.database.write() as writing:
         arguments = (writing, dataset_row, "ada", request, queue)

@@ -110,11 +110,11 @@ def test_class_names_and_class_maps_are_separated_by_commas(tmp_path):
         classes="car, traffic light", class_map=["Car=car, Misc=pass", "a=b=van"]
     )
 
-    description = options.describe(tmp_path)
+    description = options.description_of(tmp_path)
 
     assert description.classes == ("car", "traffic light")
     assert description.class_map == {"Car": "car", "Misc": "pass", "a=b": "van"}
-    assert SourceOptions().describe(tmp_path).changed == {}
+    assert SourceOptions().description_of(tmp_path).changed == {}
     options = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
 
     assert options.reading == {"palette": "carla-0.9.14"}
