@@ -250,7 +250,9 @@ class SourceOptions:
             # The error about a key of a description, with the option in its place
             name, colon, rest = exc.detail.partition(": ")
             key, dot, below = name.partition(".")
-            option = {"classes": "--class-map"}.get(key, f"--{key.replace('_', '-')}")
+            if key == "classes" and below in dict(_class_map(self.class_map or ())):
+                key = "class_map"
+            option = f"--{key.replace('_', '-')}"
             raise typer.BadParameter(
                 f"{option}{dot and ' '}{below}{colon}{rest}"
             ) from exc

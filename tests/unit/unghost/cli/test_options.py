@@ -6,6 +6,7 @@ import sys
 from typing import get_args
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from filter_core.config.declaration import AllowedWords
@@ -115,6 +116,12 @@ def test_class_names_and_class_maps_are_separated_by_commas(tmp_path):
     assert description.classes == ("car", "traffic light")
     assert description.class_map == {"Car": "car", "Misc": "pass", "a=b": "van"}
     assert SourceOptions().description_of(tmp_path).changed == {}
+    for wrong, option in [
+        (SourceOptions(classes="car,,bus"), "--classes"),
+        (SourceOptions(class_map=["Car=caar"]), "--class-map"),
+    ]:
+        with pytest.raises(typer.BadParameter, match=f"^{option}[ :]"):
+            wrong.description_of(tmp_path)
     options = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
 
     assert options.reading == {"palette": "carla-0.9.14"}
