@@ -259,7 +259,8 @@ def render_street(
 
     Each process renders one town, or every second frame of it. As the first frame of a
     town takes as long as several others, no more processes work on their first one than
-    there are cores: so the first frames of all come soon.
+    there are cores: so the first frames of all come soon. One core is left to the
+    caller until `folder` returns.
 
     Raises RuntimeError if a process has ended before its frames were rendered.
     """
@@ -274,7 +275,8 @@ def render_street(
         place: Path | None = None
         while len(lines) < frames:
             begun: list[IO[bytes] | None] = []
-            while waiting and len(beginning) < cores:
+            most = cores if place else max(1, cores - 1)
+            while waiting and len(beginning) < most:
                 number, part = waiting.pop(0)
                 beginning.add(number)
                 words = (str(seed), str(actors), *map(str, part))
@@ -289,10 +291,13 @@ def render_street(
                 running.callback(child.kill)
                 listening = (child.stdout, number, told.put)
                 Thread(target=_listen, args=listening, daemon=True).start()
+            was_waiting = place is None
             place = place or folder()
             for pipe in filter(None, begun):
                 with suppress(BrokenPipeError), pipe:
                     pipe.write(json.dumps(str(place)).encode())
+            if was_waiting:
+                continue  # with as many processes as there are cores
             number, text = told.get()
             beginning.discard(number)
             if not text:
