@@ -27,7 +27,7 @@ paths() {
         done
         ;;
     postgres)
-        echo tests/unit/app/runs/test_runs.py tests/unit/app/exports
+        echo tests/unit/app/runs/test_runs.py tests/unit/app/exports/test_export_jobs.py
         echo tests/unit/app/boxes/test_statistics.py tests/unit/app/db/test_ids.py
         echo tests/unit/app/boxes/test_box_selection.py
         echo tests/property/app/review tests/property/app/ingest
@@ -46,7 +46,7 @@ run() {
     shift
     if [ "$group" = postgres ]; then
         # The same tests on SQLite try more examples.
-        export UNGHOST_TEST_DATABASE="$database" PROPERTY_EXAMPLES="${PROPERTY_EXAMPLES:-10}"
+        export UNGHOST_TEST_DATABASE="$database" PROPERTY_EXAMPLES="${PROPERTY_EXAMPLES:-6}"
     fi
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
