@@ -48,6 +48,8 @@ run() {
         # The same tests on SQLite try more examples.
         export UNGHOST_TEST_DATABASE="$database" PROPERTY_EXAMPLES="${PROPERTY_EXAMPLES:-6}"
     fi
+    # Only tests/hostile needs this plugin, which takes a second to import.
+    [ "$group" = service ] || set -- "$@" -p no:schemathesis
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
