@@ -114,7 +114,7 @@ class Template:
         """
         while len(self._waiting.get_map()) > len(self._running):
             for key, _ in self._waiting.select():
-                order = key.data(key.fileobj)
+                order: Order | None = key.data(key.fileobj)
                 if order is not None:
                     return order
         return None
