@@ -22,7 +22,7 @@ settings.register_profile(
     deadline=None,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
-    max_examples=int(os.environ.get("PROPERTY_EXAMPLES", "20")),
+    max_examples=int(os.environ.get("PROPERTY_EXAMPLES", "12")),
 )
 settings.register_profile("ci", settings.get_profile("machine"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "machine")

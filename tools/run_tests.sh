@@ -3,7 +3,9 @@
 # server, a browser or a disk, the others use the processor. The command in CHECK, if
 # there is one, runs at the same time; its output comes first. The tests that depend most
 # on the database are run on PostgreSQL as well, if a server answers. With
-# UNGHOST_TEST_DATABASE, all tests are run on that database only. The output of a group is printed when it has ended.
+# UNGHOST_TEST_DATABASE, all tests are run on that database only. The output of a group is
+# printed when it has ended. The groups share one process that has imported everything
+# (tests/support/template.py), from which they fork servers and commands.
 set -u
 work=$(mktemp -d)
 trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
@@ -25,7 +27,7 @@ paths() {
         done
         ;;
     postgres)
-        echo tests/unit/app/runs/test_runs.py tests/unit/app/exports
+        echo tests/unit/app/runs/test_runs.py tests/unit/app/exports/test_export_jobs.py
         echo tests/unit/app/boxes/test_statistics.py tests/unit/app/db/test_ids.py
         echo tests/unit/app/boxes/test_box_selection.py
         echo tests/property/app/review tests/property/app/ingest
@@ -44,8 +46,10 @@ run() {
     shift
     if [ "$group" = postgres ]; then
         # The same tests on SQLite try more examples.
-        export UNGHOST_TEST_DATABASE="$database" PROPERTY_EXAMPLES="${PROPERTY_EXAMPLES:-10}"
+        export UNGHOST_TEST_DATABASE="$database" PROPERTY_EXAMPLES="${PROPERTY_EXAMPLES:-6}"
     fi
+    # Only tests/hostile needs this plugin, which takes a second to import.
+    [ "$group" = service ] || set -- "$@" -p no:schemathesis
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
@@ -75,6 +79,11 @@ end() {
     cat "$work/$1.log"
     return "$ended"
 }
+
+OPENBLAS_NUM_THREADS=1 "$1" tests/support/template.py "$work/template" >/dev/null &
+echo $! >"$work/template.pid"
+until [ -S "$work/template" ] || ! kill -0 $! 2>/dev/null; do sleep 0.1; done
+[ ! -S "$work/template" ] || export UNGHOST_TEST_TEMPLATE="$work/template"
 
 [ -z "${CHECK:-}" ] || begin check check
 for group in $groups; do

@@ -27,7 +27,7 @@ def issued(tmp_path_factory):
     """The folder of new certificates, and the answers to the command and a second."""
     folder = tmp_path_factory.mktemp("made")
     words = [word for host in HOSTS for word in ("--host", host)]
-    unghost = CommandLine(folder, {}, anew=True)
+    unghost = CommandLine(folder, {})
     first = unghost("certificates", "nodes", *words, "--days", "30", "--json")
     return folder / "nodes", first, unghost("certificates", "nodes", *words)
 
@@ -113,8 +113,8 @@ def test_scheduler_on_a_port_in_use_exits_with_a_message(issued, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
 
-        # In a new process: the library that listens closes its socket only at the exit.
-        result = CommandLine(tmp_path, {}, anew=True)(
+        # In a process: the library that listens closes its socket only at the exit.
+        result = CommandLine(tmp_path, {})(
             "scheduler", "--host", "127.0.0.1", "--port", port, *words
         )
 

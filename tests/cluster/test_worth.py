@@ -2,21 +2,17 @@
 
 import json
 import os
-import shlex
-import shutil
 import signal
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.support import processes
-from tests.support.cluster import Node, cluster, kill_working_process
+from tests.support.cluster import cluster, kill_working_process
 from tests.support.command_line import CommandLine
-from tests.support.databases import environment_of, give_tables
+from tests.support.databases import give_tables
 from tests.support.experiments import parrot, write_recording
-from tests.support.servers import environ_of, stop
-from tests.support.sources import CHECKOUT
+from tests.support.servers import stop
 from tests.support.waiting import until
 
 DONE, REFUSED = 0, 1
@@ -135,7 +131,7 @@ def test_interrupted_command_ends_the_trainers_on_the_workers(
 
 
 @pytest.mark.skipif(
-    os.name != "posix" or os.getuid() != 0 or shutil.which("unshare") is None,
+    sys.platform != "linux" or os.getuid() != 0,
     reason="only where one may mount",
 )
 def test_worker_that_does_not_see_the_folder_is_refused_with_the_remedy(
@@ -145,25 +141,13 @@ def test_worker_that_does_not_see_the_folder_is_refused_with_the_remedy(
     output = tmp_path / "out"
     output.mkdir()
     (tmp_path / "hold").touch()
-    worker = shlex.join([sys.executable, "-m", "unghost.cli", "worker"])
-    alone = f"mount -t tmpfs none {shlex.quote(str(output))} && exec {worker}"
-    settings = {"UNGHOST_ENGINE": made.address, **made.tls("worker")}
-    settings |= {"PYTHONPATH": str(CHECKOUT), **environment_of(made.data)}
-    log = tmp_path / "log"
-    with log.open("w") as errors:
-        blind = processes.start_anew(
-            ["unshare", "--mount", "sh", "-c", alone],
-            made.data,
-            environ_of(made.data, settings),
-            errors,
-        )
+    blind = made.worker(program=("tests.support.blind_worker", str(output)))
     try:
-        Node(blind, log).wait_for_log("joined the scheduler")
         result = on_cluster(made, tmp_path)(
             *words, "-o", output, "--engine", made.address
         )
     finally:
-        stop(blind)
+        stop(blind.process)
 
     assert result.code == REFUSED
     assert f"does not see {output}: mount the folder there" in result.err

@@ -19,14 +19,23 @@ def codes_in(source: ast.AST) -> Iterator[str]:
     for node in ast.walk(source):
         if isinstance(node, ast.ClassDef):
             for statement in node.body:
-                text = re.fullmatch(r"code\b[^=]* = '(\w+)'", ast.unparse(statement))
-                yield from text.groups() if text else ()
+                if isinstance(statement, ast.Assign | ast.AnnAssign):
+                    written = ast.unparse(statement)
+                    text = re.fullmatch(r"code\b[^=]* = '(\w+)'", written)
+                    yield from text.groups() if text else ()
         elif isinstance(node, ast.Call):
-            name = ast.unparse(node.func).rpartition(".")[2]
+            name = called(node.func)
             codes = [word.value for word in node.keywords if word.arg == "code"]
             codes += node.args[1:2] if name == "Refusal" else []
             for code in codes if name not in FAULTS else []:
                 yield from texts(code)
+
+
+def called(function: ast.expr) -> str:
+    """The name of what is called, without that of its module or object."""
+    if isinstance(function, ast.Attribute):
+        return function.attr
+    return function.id if isinstance(function, ast.Name) else ""
 
 
 def texts(value: ast.expr) -> Iterator[str]:

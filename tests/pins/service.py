@@ -5,8 +5,6 @@ import hashlib
 import io
 import json
 import re
-import subprocess
-import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -21,6 +19,7 @@ from filter_core.formats.registry import EXPORT_FORMATS
 from tests.pins import street
 from tests.pins.walk import BASE, DATASET, FINISHED, plain, plain_text, walked
 from tests.support import plain_http
+from tests.support.command_line import CommandLine
 from tests.support.databases import rows_of
 from tests.support.servers import RunningServer, running_server
 
@@ -201,23 +200,8 @@ def _command_line(folder: Path) -> list[Any]:
     lines.append(json.dumps({"key": "town/broken", "boxes": [{"class": "car"}]}))
     (folder / "manifest.jsonl").write_text("\n".join(lines) + "\n", "utf-8")
     (folder / "filter.yaml").write_text("evidence: auto\n", "utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "unghost.cli",
-        "filter",
-        ".",
-        "--json",
-        "--workers",
-        "1",
-    ]
-    done = subprocess.run(
-        [*command, "--config", "filter.yaml"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    written = [plain(json.loads(line)) for line in done.stdout.splitlines()]
-    said = re.sub(r"[\d.]+ frames/s", "<some> frames/s", done.stderr)
-    return [{"exit": done.returncode, "said": said}, *written]
+    words = ("filter", ".", "--json", "--workers", "1", "--config", "filter.yaml")
+    done = CommandLine(folder, {})(*words)
+    written = [plain(record) for record in done.records]
+    said = re.sub(r"[\d.]+ frames/s", "<some> frames/s", done.err)
+    return [{"exit": done.code, "said": said}, *written]

@@ -107,7 +107,7 @@ def test_revoked_token_is_unauthorised_on_both_servers_within_a_second(replicas)
 
 def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
-    name = replicas.make_dataset(frames=10)
+    name = replicas.make_dataset(frames=6)
     boxes = ada.box_ids(name)
 
     for box_id in boxes:
@@ -137,7 +137,7 @@ def answer_in_bulk_at_once(ada, bob, act, which):
 
 def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
-    name = replicas.make_dataset(frames=10)
+    name = replicas.make_dataset(frames=5)
     boxes = ada.box_ids(name)
 
     for act in range(10):

@@ -2,9 +2,10 @@
 
 `start` does what ``python -m MODULE WORDS`` does. Where the system supports it, it
 forks the process from a template that has imported everything already
-(`tests/support/template.py`). The fork has its own process id, folder, environment,
-streams, signals and exit code. `start_anew` starts a command itself, for tests of the
-start, of memory, or of the arguments in /proc.
+(`tests/support/template.py`): that of the whole run of tests, at the socket that
+UNGHOST_TEST_TEMPLATE names, or else one of its own. The fork has its own process id,
+folder, environment, streams, signals and exit code. `start_anew` starts a command
+itself, for tests of the start, of memory, or of the arguments in /proc.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from typing import IO, TypeAlias
 
 CAN_FORK = hasattr(os, "pidfd_open")
 _TEMPLATE = Path(__file__).with_name("template.py")
+# Read at import: the tests later run without any UNGHOST_* variables.
+_SHARED = os.environ.get("UNGHOST_TEST_TEMPLATE", "")
 _NUMBER = 32
 # Variables that Python and libraries read when they start, which the template has
 # done already. PYTHONPATH is looked at again in each fork.
@@ -192,7 +195,12 @@ def _early(environ: Mapping[str, str]) -> dict[str, str]:
 
 @cache
 def _orders() -> socket.socket:
-    """The socket to this process's template, which ends with this process."""
+    """The socket to a template, which kills the forks when this process ends."""
+    if _SHARED:
+        shared = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        shared.connect(_SHARED)
+        atexit.register(shared.close)
+        return shared
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     # With more, OpenBLAS would start threads, which a fork would not have.
     environ = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

@@ -65,6 +65,7 @@ def page_sources() -> tuple[Source, ...]:
     return sources(PAGE, ".js", ".mjs", ".css", ".html")
 
 
+@cache
 def names_of_tests(path: str) -> frozenset[str]:
     """The names of the tests that a module defines, by its path from the checkout."""
     tree = Source(path, (CHECKOUT / path).read_text("utf-8")).tree

@@ -6,9 +6,17 @@ environment, standard streams, signal handlers, seeds and exit code. Only /proc 
 shows this program's arguments and environment. The orders come from
 `tests.support.processes`. Nothing here may start a thread: forks would lack it.
 
+``python tests/support/template.py DESCRIPTOR`` takes orders from one program, over a
+socket that it inherits. With the path of a new socket in place of the descriptor,
+programs connect there, and it ends by SIGTERM. In either case the forks of a program
+are killed when it ends.
+
 The service has a process of its own from which `multiprocessing` forks those that read
-images. That one is forked here as well, before the service starts threads.
+images, and a worker of a cluster one that it supervises. These are forked here as well,
+before there are threads. What replaces one that died is started as it is outside tests.
 """
+
+from __future__ import annotations
 
 import atexit
 import fcntl
@@ -22,19 +30,21 @@ import runpy
 import selectors
 import signal
 import socket
+import subprocess
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple
 
 LONGEST_ORDER = 1 << 17
 LONGEST_COMMAND = 1 << 16
 STREAMS = 3
 SERVICE = "app"
 FORKSERVER = "multiprocessing.forkserver"
+WORKER = "app.process.worker"
 PACKAGES = ("app", "filter_core", "unghost")
 IMPORTED_LATE = (
     "anyio._backends._asyncio",
@@ -68,91 +78,134 @@ def share_memory() -> None:
     gc.freeze()
 
 
-def next_fork(orders: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
-    """Fork for every order that comes, and report how each fork ends.
+class Order(NamedTuple):
+    """What a fork is to become: its program, folder and environment; its streams."""
 
-    In each fork, returns its order and its standard streams. In the template, returns
-    None when there are no more orders.
-    """
-    running: dict[int, tuple[int, socket.socket]] = {}
-    with selectors.PollSelector() as waiting:
-        waiting.register(orders, selectors.EVENT_READ)
-        while True:
-            for key, _ in waiting.select():
-                if key.fd in running:
-                    waiting.unregister(key.fd)
-                    tell_the_end(key.fd, *running.pop(key.fd))
-                    continue
-                order, descriptors = next_order(orders)
-                if order is None:
-                    kill(pid for pid, _ in running.values())
-                    return None
-                teller = socket.socket(fileno=descriptors.pop())
-                pid = os.fork()
-                if pid == 0:
-                    close(teller, orders, running)
-                    return order, descriptors
-                for stream in descriptors:
-                    os.close(stream)
-                teller.send(str(pid).encode())
-                ends = os.pidfd_open(pid)
-                running[ends] = (pid, teller)
-                waiting.register(ends, selectors.EVENT_READ)
+    words: list[str]
+    folder: str
+    environ: dict[str, str]
+    streams: list[int]
 
 
-def next_order(orders: socket.socket) -> tuple[dict[str, Any] | None, list[int]]:
-    """Read an order, and the file descriptors that come with it; None at the end."""
-    text, descriptors, _, _ = socket.recv_fds(orders, LONGEST_ORDER, STREAMS + 1)
-    if not text:
-        return None, descriptors
-    order = json.loads(text)
-    is_for_clusters = (
-        "UNGHOST_ENGINE" in order["environ"] or "scheduler" in order["words"]
-    )
-    if is_for_clusters and FOR_CLUSTERS not in sys.modules:
+class Fork(NamedTuple):
+    """A fork that runs, where to tell its end, and where its order came from."""
+
+    pid: int
+    teller: socket.socket
+    orders: socket.socket
+
+
+class Template:
+    """The sockets that orders come by, and the forks that run."""
+
+    def __init__(self) -> None:
+        self._waiting = selectors.PollSelector()
+        self._running: dict[int, Fork] = {}
+
+    def watch(self, wanted: socket.socket, call: Callable[[Any], Order | None]) -> None:
+        """Call the function with a socket whenever something comes by it."""
+        self._waiting.register(wanted, selectors.EVENT_READ, call)
+
+    def next_fork(self) -> Order | None:
+        """Fork for every order that comes, and report how each fork ends.
+
+        In each fork, returns its order. In the template, returns None when no more
+        orders can come.
+        """
+        while len(self._waiting.get_map()) > len(self._running):
+            for key, _ in self._waiting.select():
+                order: Order | None = key.data(key.fileobj)
+                if order is not None:
+                    return order
+        return None
+
+    def accept(self, listener: socket.socket) -> None:
+        """Take orders from one more program."""
+        self.watch(listener.accept()[0], self.take_order)
+
+    def take_order(self, orders: socket.socket) -> Order | None:
+        """Fork for the next order of a program; returns it in the fork.
+
+        If the program has ended, its forks are killed.
+        """
+        text, streams, _, _ = socket.recv_fds(orders, LONGEST_ORDER, STREAMS + 1)
+        if not text:
+            self._waiting.unregister(orders)
+            self.kill(orders)
+            orders.close()
+            return None
+        order = Order(**json.loads(text), streams=streams)
+        import_for_clusters(order)
+        teller = socket.socket(fileno=streams.pop())
+        pid = os.fork()
+        if pid == 0:
+            teller.close()
+            self._close()
+            return order
+        for stream in streams:
+            os.close(stream)
+        teller.send(str(pid).encode())
+        ends = os.pidfd_open(pid)
+        self._running[ends] = Fork(pid, teller, orders)
+        self._waiting.register(ends, selectors.EVENT_READ, self.tell_the_end)
+        return None
+
+    def tell_the_end(self, ends: int) -> None:
+        """Send the exit code of a fork that has ended to who ordered it."""
+        self._waiting.unregister(ends)
+        os.close(ends)
+        fork = self._running.pop(ends)
+        _, status = os.waitpid(fork.pid, 0)
+        with fork.teller, suppress(BrokenPipeError):  # the program has ended
+            fork.teller.send(str(os.waitstatus_to_exitcode(status)).encode())
+
+    def kill(self, orders: socket.socket | None = None) -> None:
+        """Kill the forks that run, or those of one program."""
+        for fork in self._running.values():
+            if orders in (None, fork.orders):
+                os.kill(fork.pid, signal.SIGKILL)
+
+    def _close(self) -> None:
+        """Close, in a fork, the sockets and descriptors that belong to the template."""
+        for key in self._waiting.get_map().values():
+            os.close(key.fd)
+            if isinstance(key.fileobj, socket.socket):
+                key.fileobj.detach()
+        for fork in self._running.values():
+            fork.teller.close()
+        self._running.clear()
+        self._waiting.close()
+
+
+def import_for_clusters(order: Order) -> None:
+    """Import what nodes of a cluster need, if the order may be one for a node."""
+    if FOR_CLUSTERS in sys.modules:
+        return
+    if "UNGHOST_ENGINE" in order.environ or "scheduler" in order.words:
         importlib.import_module(FOR_CLUSTERS)
         share_memory()
-    return order, descriptors
 
 
-def close(
-    teller: socket.socket,
-    orders: socket.socket,
-    running: dict[int, tuple[int, socket.socket]],
-) -> None:
-    """Close, in a fork, the sockets and descriptors that belong to the template."""
-    for ends, (_, others_teller) in running.items():
-        os.close(ends)
-        others_teller.close()
-    teller.close()
-    orders.close()
+def listen(path: str) -> socket.socket:
+    """A socket by which programs of the user connect to send orders."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener.bind(path)
+    listener.listen()
+    return listener
 
 
-def tell_the_end(ends: int, pid: int, teller: socket.socket) -> None:
-    """Send the exit code of a fork that has ended to the process that ordered it."""
-    os.close(ends)
-    _, status = os.waitpid(pid, 0)
-    with teller, suppress(BrokenPipeError):  # the one who ordered it has ended
-        teller.send(str(os.waitstatus_to_exitcode(status)).encode())
-
-
-def kill(pids: Iterable[int]) -> None:
-    """Kill the forks that still run when there are no more orders."""
-    for pid in pids:
-        os.kill(pid, signal.SIGKILL)
-
-
-def become(order: dict[str, Any], streams: list[int]) -> None:
+def become(order: Order) -> None:
     """Give this fork the streams, folder, environment and arguments of its order."""
-    for number, stream in enumerate(streams):
+    for number, stream in enumerate(order.streams):
         os.dup2(stream, number)
         os.close(stream)
-    os.chdir(order["folder"])
+    os.chdir(order.folder)
     os.environ.clear()
-    os.environ.update(order["environ"])
-    sys.path[:] = [order["folder"], *folders_given(), *folders_of_python]
-    sys.argv = ["-m", *order["words"][1:]]
-    sys.orig_argv = [sys.executable, "-m", *order["words"]]
+    os.environ.update(order.environ)
+    sys.path[:] = [order.folder, *folders_given(), *folders_of_python]
+    sys.argv = ["-m", *order.words[1:]]
+    sys.orig_argv = [sys.executable, "-m", *order.words]
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.modules["numpy"].random.seed()
 
@@ -162,53 +215,125 @@ def folders_given() -> list[str]:
     return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
 
 
-def prepare_forkserver() -> None:
-    """Fork a process that waits until `multiprocessing` wants its forkserver."""
+def prepare(name: str) -> str | None:
+    """Fork a process that waits until this one starts a program of this name.
+
+    Returns the program in the fork, and None here.
+    """
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     pid = os.fork()
     if pid == 0:
         ours.close()
-        wait_to_be_forkserver(its)
+        return wished(its)
     its.close()
-    prepared.append((pid, ours))
+    prepared[name] = (pid, ours)
+    return None
 
 
-def start_program(
-    path: bytes, command: Sequence[str], descriptors: Sequence[int]
-) -> int:
-    """Start a program for `multiprocessing`, in the prepared process if it suits."""
-    if not prepared or FORKSERVER not in command[-1]:
-        return start_as_given(path, command, descriptors)
-    pid, teller = prepared.pop()
+def wished(wishes: socket.socket) -> str:
+    """Wait for the program that this fork is to run; exits if there will be none."""
+    text, descriptors, _, _ = socket.recv_fds(wishes, LONGEST_COMMAND, STREAMS)
+    if not text:
+        os._exit(0)
+    wish = json.loads(text)
+    wishes.close()
+    place(descriptors, wish["descriptors"])
+    os.environ.clear()
+    os.environ.update(wish["environ"])
+    sys.argv = ["-c", *wish["words"]]
+    sys.modules["__main__"] = ModuleType("__main__")
+    return str(wish["program"])
+
+
+def started(
+    name: str,
+    command: Sequence[str],
+    descriptors: Mapping[int, int],
+    environ: Mapping[str, str],
+) -> int | None:
+    """Let the process prepared for the name, if any, run a command; its process id.
+
+    The command is one of ``python -c``. `descriptors` are those of this process, by the
+    numbers that they get in the other.
+    """
+    if name not in prepared:
+        return None
+    pid, teller = prepared.pop(name)
+    at = command.index("-c") + 1
     wish = {
-        "program": command[-1],
+        "program": command[at],
+        "words": command[at + 1 :],
         "descriptors": [*descriptors],
-        "environ": {**os.environ},
+        "environ": dict(environ),
     }
     with teller:
-        socket.send_fds(teller, [json.dumps(wish).encode()], [*descriptors])
+        socket.send_fds(teller, [json.dumps(wish).encode()], [*descriptors.values()])
     return pid
 
 
-def wait_to_be_forkserver(wishes: socket.socket) -> None:
-    """Run the program that is sent, with its descriptors; or end without one."""
-    try:
-        text, descriptors, _, _ = socket.recv_fds(wishes, LONGEST_COMMAND, STREAMS)
-        if text:
-            wish = json.loads(text)
-            wishes.close()
-            place(descriptors, wish["descriptors"])
-            os.environ.clear()
-            os.environ.update(wish["environ"])
-            sys.modules["__main__"] = ModuleType("__main__")
-            exec(wish["program"], vars(sys.modules["__main__"]))
-    except SystemExit:
-        pass  # how a forkserver ends
-    except BaseException:
-        traceback.print_exc()
-        sys.stderr.flush()
-        os._exit(1)
-    os._exit(0)
+def start_for_multiprocessing(
+    path: bytes, command: Sequence[str], descriptors: Sequence[int]
+) -> int:
+    """Start a program for `multiprocessing`, in the prepared process if it suits."""
+    pid = None
+    if FORKSERVER in command[-1]:
+        same = dict(zip(descriptors, descriptors, strict=True))
+        pid = started(FORKSERVER, command, same, os.environ)
+    return start_as_given(path, command, descriptors) if pid is None else pid
+
+
+def start_worker(command: Sequence[str], env: Mapping[str, str], stdin: int) -> Any:
+    """Start the process that a worker supervises, in the prepared one if there is one.
+
+    Returns what `subprocess.Popen` does, or the same for the prepared process.
+    """
+    reads, writes = os.pipe()
+    pid = started(WORKER, command, {0: reads}, env)
+    os.close(reads)
+    if pid is not None:
+        return Prepared(pid, writes)
+    os.close(writes)
+    return subprocess.Popen(command, env=env, stdin=stdin)
+
+
+class Prepared:
+    """A prepared process that runs its program, as `subprocess.Popen` gives one."""
+
+    def __init__(self, pid: int, stdin: int) -> None:
+        self.returncode: int | None = None
+        self._pid, self._stdin = pid, stdin
+
+    def poll(self) -> int | None:
+        """The exit code; None while the process runs."""
+        return self._ended(os.WNOHANG)
+
+    def wait(self) -> int | None:
+        """Wait for the end; the exit code, or minus the signal that ended it."""
+        return self._ended(0)
+
+    def _ended(self, options: int) -> int | None:
+        # A handler of a signal may have waited for it in the meantime.
+        with suppress(ChildProcessError):
+            pid, status = os.waitpid(self._pid, options)
+            if pid:
+                self.returncode = os.waitstatus_to_exitcode(status)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self._pid, number)
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self.send_signal(signal.SIGTERM)
+
+    def __enter__(self) -> Prepared:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._stdin)
+        self.wait()
 
 
 def place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
@@ -222,10 +347,42 @@ def place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
         os.close(descriptor)
 
 
-def run(words: list[str]) -> None:
-    """Run the module as the main program; exits with its code or raises its error."""
+def run_prepared(words: Sequence[str]) -> None:
+    """Run what was ordered as the main program, with the processes that it will need.
+
+    Exits with its code or raises its error.
+    """
+    if words[0] == SERVICE:
+        prepare_forkserver()
+    elif "worker" in words:
+        program = prepare(WORKER)
+        if program is not None:
+            prepare_forkserver()
+            run(lambda: exec(program, vars(sys.modules["__main__"])))
+        start = SimpleNamespace(PIPE=subprocess.PIPE, Popen=start_worker)
+        vars(sys.modules[WORKER])["subprocess"] = start
+    run(lambda: runpy.run_module(words[0], run_name="__main__", alter_sys=True))
+
+
+def prepare_forkserver() -> None:
+    """Prepare the process from which `multiprocessing` forks others."""
+    program = prepare(FORKSERVER)
+    if program is not None:
+        try:
+            exec(program, vars(sys.modules["__main__"]))
+        except SystemExit:
+            pass  # how a forkserver ends
+        except BaseException:
+            traceback.print_exc()
+            sys.stderr.flush()
+            os._exit(1)
+        os._exit(0)
+
+
+def run(main: Callable[[], object]) -> None:
+    """Run the main program; exits with its code or raises its error."""
     try:
-        runpy.run_module(words[0], run_name="__main__", alter_sys=True)
+        main()
     except SystemExit as ended:
         code = 0 if ended.code is None else ended.code
         if not isinstance(code, int):
@@ -244,21 +401,36 @@ def leave() -> None:
         os._exit(ends_with[0] & 0xFF)
 
 
+def main() -> None:
+    """Take orders until no more come, or, in a fork, run what was ordered."""
+    template, given = Template(), sys.argv[1]
+    if given.isdecimal():
+        template.watch(socket.socket(fileno=int(given)), template.take_order)
+    elif not hasattr(os, "pidfd_open"):
+        return  # the tests do not fork here
+    else:
+        template.watch(listen(given), template.accept)
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        import_everything()
+        order = template.next_fork()
+    except SystemExit:
+        template.kill()
+        raise
+    if order is not None:
+        become(order)
+        run_prepared(order.words)
+
+
 if __name__ == "__main__":
     ends_with: list[int] = []
-    prepared: list[tuple[int, socket.socket]] = []
+    prepared: dict[str, tuple[int, socket.socket]] = {}
     # Replaced before the service is imported, which keeps this function.
     start_as_given = multiprocessing.util.spawnv_passfds
-    vars(multiprocessing.util)["spawnv_passfds"] = start_program
+    vars(multiprocessing.util)["spawnv_passfds"] = start_for_multiprocessing
     folders_of_python = [path for path in sys.path[1:] if path not in folders_given()]
     # Registered before all imports, so that it runs after what they register.
     atexit.register(leave)
     # Ctrl-C is meant for the tests, which end this program when they stop.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    import_everything()
-    fork = next_fork(socket.socket(fileno=int(sys.argv[1])))
-    if fork is not None:
-        become(*fork)
-        if fork[0]["words"][0] == SERVICE:
-            prepare_forkserver()
-        run(fork[0]["words"])
+    main()

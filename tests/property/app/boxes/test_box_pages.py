@@ -302,10 +302,10 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
     ("classes", "order", "selection"),
     [
         (40, "doubt", {}),
-        (170, "doubt", {"margin_max": 5.0}),
-        (170, "doubt", {"review": "none"}),
-        pytest.param(170, "match_percent", {"margin_max": 5.0}, marks=pytest.mark.long),
-        pytest.param(170, "id", {"margin_max": 5.0}, marks=pytest.mark.long),
+        (100, "doubt", {"margin_max": 5.0}),
+        (100, "doubt", {"review": "none"}),
+        pytest.param(100, "match_percent", {"margin_max": 5.0}, marks=pytest.mark.long),
+        pytest.param(100, "id", {"margin_max": 5.0}, marks=pytest.mark.long),
     ],
 )
 def test_dataset_of_many_classes_is_listed_in_the_same_order(

@@ -5,7 +5,7 @@ import threading
 from concurrent.futures import Future
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.engine.chunk import WorkerDied
@@ -60,7 +60,6 @@ class FaultyEngine(runs.SmallChunks):
     outcome = runs.DisconnectingEngine.outcome
 
 
-@settings(max_examples=15)
 @given(
     fates=st.lists(st.sampled_from(OUTCOMES), max_size=8), seed=st.integers(0, 10**6)
 )

@@ -145,7 +145,7 @@ def test_counts_of_a_match_range_follow_new_frames_and_reviews(services):
 @settings(max_examples=EXAMPLES)
 @given(
     low=st.integers(0, 5000),
-    count=st.integers(1, 500),
+    count=st.integers(1, 200),
     seed=st.text(max_size=5),
     first=st.integers(1, 40),
 )

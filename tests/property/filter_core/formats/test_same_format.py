@@ -39,7 +39,7 @@ PICTURES = {
 CONFIG = FilterConfig.from_mapping({"profile": "paper", "palette": "carla-0.9.14"})
 
 
-FEW = settings().max_examples // 4
+FEW = max(settings().max_examples // 4, 3)
 """Examples that go through a server, which takes a second for each."""
 
 

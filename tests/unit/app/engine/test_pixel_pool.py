@@ -54,8 +54,8 @@ def test_results_are_returned_and_the_child_process_is_reused(pool):
 
 def test_pools_that_start_children_at_the_same_time_leave_the_main_module():
     program = sys.modules["__main__"]
-    pools = [PixelPool(8) for _ in range(4)]
-    calls = [pool for pool in pools for _ in range(8)]
+    pools = [PixelPool(4) for _ in range(4)]
+    calls = [pool for pool in pools for _ in range(4)]
 
     with ThreadPoolExecutor(len(calls)) as threads:
         list(threads.map(lambda pool: pool.run(pool_tasks.own_pid), calls))

@@ -2,24 +2,16 @@
 
 import logging
 import threading
-from typing import get_args
 
-import numpy as np
 import pytest
 
-from app.catalog.datasets import DatasetRepository
 from app.datasets.service import remove_dataset
 from app.db.tables import Export
 from app.engine.chunk import Job
 from app.exports.service import EXPORTS, request_export
-from app.exports.writer import ExportFrames
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel, start
-from filter_core.formats.export import ExportHead, ExportOptions
-from filter_core.formats.format import Need
-from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
-from filter_core.verdicts import VERDICTS
 from tests.support import frames as scene
 from tests.support.services import ANSWERED_AT, ServiceDataset
 from unghost.wire.runs import ExportIn
@@ -28,15 +20,11 @@ from unghost.wire.runs import ExportIn
 @pytest.fixture
 def street(services) -> ServiceDataset:
     street: ServiceDataset = services.dataset()
-    fill(street)
-    return street
-
-
-def fill(street):
     for number in range(3):
         files = {"image": scene.image(number), "segmentation": scene.segmentation()}
         street.put(f"{number}", scene.annotation(), **files)
     street.review(street.box_ids()[0], "reject", at=ANSWERED_AT)
+    return street
 
 
 def request_unstarted_export(street):
@@ -55,70 +43,6 @@ def export_of(street, job):
 
 def temporary_files(street):
     return list(street.context.storage.temporary_folder().iterdir())
-
-
-def export_frames(street, session, needs):
-    context, dataset = street.context, street.row(session)
-    return ExportFrames(context.storage.read, session, dataset, needs, context.drawers)
-
-
-@pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_format_declares_all_data_that_it_needs(street, form):
-    with street.context.database.read() as session:
-        classes = tuple(DatasetRepository(session).classes(street.id))
-        declared, all_data = (
-            files_of(form, export_frames(street, session, needs), classes)
-            for needs in (FORMATS[form].needs, get_args(Need))
-        )
-
-    assert declared == all_data
-
-
-def test_label_columns_equal_the_complete_decisions(street):
-    with street.context.database.read() as session:
-        frames = list(export_frames(street, session, ["decisions"]))
-
-    for frame in frames:
-        boxes, whole = frame.boxes, frame.decisions
-        rows = range(len(boxes))
-        told = {
-            "id": list(boxes.ids),
-            "class": [boxes.class_name(row) for row in rows],
-            "verdict": [VERDICTS[code].value for code in boxes.verdict],
-            "effective_verdict": [boxes.effective_verdict(row) for row in rows],
-            "reason": [boxes.reason_label(row) for row in rows],
-            "lossy": boxes.lossy.tolist(),
-            "occluded": boxes.occlusion.tolist(),
-            "xyxy": as_json_values(boxes.xyxy),
-            "amodal_xyxy": as_json_values(boxes.amodal_xyxy),
-            "visible_xyxy": as_json_values(boxes.visible_xyxy),
-            "tight_xyxy": as_json_values(boxes.tight_xyxy),
-            "distance": as_json_values(boxes.distance),
-            "match_percent": as_json_values(boxes.match_percent),
-        }
-        assert told == {key: [line[key] for line in whole] for key in told}
-        reviewed = [bool(line["review"]) for line in whole]
-        assert (boxes.answer > 0).tolist() == reviewed
-    assert sum(len(frame.boxes) for frame in frames) > 0
-
-
-def as_json_values(column):
-    """The values of a column as in JSON: None instead of NaN."""
-    return [
-        None if np.isnan(value).any() else value.tolist()
-        for value in np.asarray(column)
-    ]
-
-
-def files_of(form, frames, classes):
-    """The files of an export by name."""
-    files = {}
-
-    def collect_file(name, pieces):
-        files[name] = b"".join(pieces)
-
-    write_export(form, frames, collect_file, ExportHead(classes), ExportOptions())
-    return files
 
 
 def test_interrupted_export_leaves_no_files_and_can_be_resumed(street):
