@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from functools import partial
+from functools import cache, partial
 from operator import attrgetter
 from typing import Final
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
+from starlette.routing import BaseRoute
 
 from app.access.gate import TokenGate
 from app.access.routes import audit_router, login_router, session_router, tokens_router
@@ -78,6 +79,21 @@ ROUTERS: Final = (
 """In the order of the OpenAPI document; the first route that matches is used."""
 
 
+_NAME: Final = attrgetter("name")
+
+
+@cache
+def routes() -> tuple[BaseRoute, ...]:
+    """The routes of all applications of this process.
+
+    FastAPI takes long to prepare them, which it does when they are first matched.
+    """
+    together = APIRouter(generate_unique_id_function=_NAME)
+    for router in ROUTERS:
+        together.include_router(router)
+    return tuple(together.routes)
+
+
 def create_app(settings: Settings | None = None) -> FastAPI:
     """The application; its database and pools are opened when the server starts it."""
     settings = settings or Settings()
@@ -99,7 +115,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             Middleware(middleware.BodyLimit, wait_s=settings.body_wait_s),
         ],
         redirect_slashes=False,
-        generate_unique_id_function=attrgetter("name"),
+        generate_unique_id_function=_NAME,
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
@@ -109,8 +125,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.gate = TokenGate()
     problems.install(app)
     app.add_exception_handler(RepeatedRequest, repeat_response)
-    for router in ROUTERS:
-        app.include_router(router)
+    app.router.routes.extend(routes())
     app.openapi = partial(openapi.document, app)  # type: ignore[method-assign]  # FastAPI's own way
     return app
 

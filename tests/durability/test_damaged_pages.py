@@ -1,8 +1,6 @@
 """Damaged pages of an SQLite file are found after the start or on use, and reported."""
 
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 
 import pytest
@@ -32,17 +30,6 @@ def get_readyz(server):
     return plain_http.get(f"{server.url}/readyz", timeout=60)
 
 
-def doctor(data):
-    process = subprocess.run(
-        [sys.executable, "-m", "unghost.cli", "doctor", "--json", "--data", str(data)],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert process.returncode != 0
-    return process.stdout
-
-
 def error_details(response):
     return {
         fault["code"]: fault["detail"] for fault in response.json().get("errors", ())
@@ -69,7 +56,7 @@ def test_damaged_page_read_by_a_request_returns_503_and_is_reported(filled):
     "name",
     ["decisions", pytest.param("ix_decisions_by_crowding", marks=pytest.mark.long)],
 )
-def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, name):
+def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, unghost, name):
     damage_first_page(filled, name)
 
     with served(filled) as (server, _):
@@ -85,6 +72,7 @@ def test_damaged_pages_are_reported_by_readyz_log_and_doctor(filled, name):
     assert "restore the last backup" in pages
     assert "`unghost doctor` on the server says more" in pages
     assert "the database is damaged: table decisions or an index of it: " in log
-    examined = doctor(filled)
-    assert "table decisions or an index of it: " in examined
-    assert "table boxes" not in examined
+    examined = unghost("doctor", "--json")
+    assert examined.code != 0
+    assert "table decisions or an index of it: " in examined.out
+    assert "table boxes" not in examined.out

@@ -37,7 +37,7 @@ from tests.support.hostile.sequence_strategies import (
     members_of,
 )
 
-RUNS = int(os.environ.get("MACHINE_RUNS", "4"))
+RUNS = int(os.environ.get("MACHINE_RUNS", "3"))
 IS_LONG = RUNS > 100
 STEPS = 12
 RESTART = 9 if IS_LONG else 3

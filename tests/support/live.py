@@ -131,6 +131,10 @@ class _Server(uvicorn.Server):
             self.tried.set()
 
 
+_documents: list[dict[str, Any]] = []
+"""The OpenAPI document, once a service of this process has made it in a second."""
+
+
 @contextmanager
 def live(data: Path, **chosen: Any) -> Iterator[Live]:
     """Serve this data folder with these settings until the block ends."""
@@ -139,6 +143,7 @@ def live(data: Path, **chosen: Any) -> Iterator[Live]:
     app = create_app(settings)
     app.include_router(probe_routes.router)
     app.include_router(probe_routes.open_router)
+    app.openapi_schema = next(iter(_documents), None)
     server = _Server(server_config(app))
     with listen("127.0.0.1", 0) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
@@ -150,3 +155,5 @@ def live(data: Path, **chosen: Any) -> Iterator[Live]:
         finally:
             server.should_exit = True
             thread.join()
+            if app.openapi_schema is not None:
+                _documents[:] = [app.openapi_schema]

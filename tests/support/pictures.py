@@ -56,6 +56,7 @@ def pixels_of(content: bytes) -> np.ndarray:
 
 
 @cache
+@cache
 def plain_png(width: int, height: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> bytes:
     """A PNG of one colour: a small file, but large when decoded."""
     row = np.full((1, width, 3), rgb[::-1], np.uint8)

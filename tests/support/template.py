@@ -48,9 +48,13 @@ WORKER = "app.process.worker"
 PACKAGES = ("app", "filter_core", "unghost")
 IMPORTED_LATE = (
     "anyio._backends._asyncio",
+    "encodings.ascii",
     "encodings.idna",
+    "encodings.utf_8_sig",
     "httpcore",
     FORKSERVER,
+    "numpy.ma",
+    "numpy.random",
     "uvicorn.lifespan.on",
     "uvicorn.loops.auto",
 )
@@ -67,7 +71,15 @@ def import_everything() -> None:
                 importlib.import_module(module.name)
     for name in IMPORTED_LATE:
         importlib.import_module(name)
+    prepare_routes()
     share_memory()
+
+
+def prepare_routes() -> None:
+    """Match all routes with a request, since the first one takes long."""
+    request = {"type": "http", "method": "GET", "path": "/", "root_path": ""}
+    for route in sys.modules["app.main"].routes():
+        route.matches(request)
 
 
 def share_memory() -> None:

@@ -8,7 +8,6 @@ from fastapi.routing import APIRoute
 
 from app.http.middleware import MAX_UNASKED_BYTES
 from app.http.routing import ApiRoute, OpenRoute
-from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
 from tests.support.connections import (
@@ -168,9 +167,8 @@ def test_every_body_limit_is_a_setting():
     assert named <= set(Settings.model_fields)
 
 
-def test_every_route_with_a_body_names_its_size_setting(tmp_path):
+def test_every_route_with_a_body_names_its_size_setting(document):
     """Of a new route that names no setting, only 4 KiB of the body would be read."""
-    document = create_app(Settings(data=tmp_path)).openapi()
     described = {
         (method.upper(), path)
         for path, item in document["paths"].items()

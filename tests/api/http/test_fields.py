@@ -4,8 +4,6 @@ import re
 
 import pytest
 
-from app.main import create_app
-from app.settings import Settings
 from tests.support import databases
 
 HIDDEN_COLUMNS = ("hash", "token_id", "tokens", "created_by", "revoked_at")
@@ -14,11 +12,6 @@ CRAFTED = (
     *("id'", 'id"', "id)--", "(select hash from tokens)", "created_by", "\x00"),
 )
 INJECTED = ("' or 1=1 --", '"; drop table tokens; --', "%_\\{}$1")
-
-
-@pytest.fixture(scope="module")
-def document():
-    return create_app(Settings()).openapi()
 
 
 def operations(document):

@@ -47,6 +47,7 @@ def resolve(schema, reference):
 
 def test_other_requests_are_answered_while_the_document_is_built(serve, monkeypatch):
     service = serve()
+    service.app.openapi_schema = None
     make = FastAPI.openapi
     begun, let_go = threading.Event(), threading.Event()
 

@@ -12,7 +12,6 @@ from tests.support.page.stage import bounds
 from tests.support.page.windows import (
     OVERFLOW,
     WIDTHS,
-    OpenWindow,
     hold_timers,
 )
 from tests.support.waiting import until
@@ -26,23 +25,21 @@ def sixty_boxes(make_scene: MakeScene) -> Scene:
     return make_scene(boxes=many_boxes.alternating_boxes(60))
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_cell_names_the_frame_of_its_box_and_links_to_it(
-    make_scene, open_window: OpenWindow, width
-):
+def test_cell_names_the_frame_of_its_box_and_links_to_it(make_scene, user):
     key = f"{'a-long-name-of-a-drive-' * 4}/camera-front/0000000042"
     scene = make_scene(boxes=[])
     frame = scene.push(key, boxes=many_boxes.alternating_boxes(2))
-    user = open_window(viewport={"width": width, "height": 844})
     page = user.open(grid(scene))
     link = cell(page, 1).locator(".cell__frame")
 
-    expect(link).to_have_text(key)
-    expect(link.get_by_text("0000000042", exact=True)).to_be_visible()
-    picture = bounds(cell(page, 1).locator(".cell__picture"))
-    shown = bounds(link)
-    assert shown["width"] <= picture["width"]
-    assert page.evaluate(OVERFLOW) <= 0
+    for width in WIDTHS:
+        page.set_viewport_size({"width": width, "height": 844})
+        expect(link).to_have_text(key)
+        expect(link.get_by_text("0000000042", exact=True)).to_be_visible()
+        picture = bounds(cell(page, 1).locator(".cell__picture"))
+        shown = bounds(link)
+        assert shown["width"] <= picture["width"], width
+        assert page.evaluate(OVERFLOW) <= 0, width
     link.click()
 
     box = frame["boxes"][1]["box_id"]
@@ -360,20 +357,24 @@ def test_failed_crops_are_retried_when_online_again(sixty_boxes, user):
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-@pytest.mark.parametrize("width", [390, 1024])
-def test_more_filters_open_inside_the_window(make_scene, open_window, width):
+def test_more_filters_open_inside_the_window(make_scene, user):
     light = {"id": "1", "class": "traffic_light", "xyxy": scenes.SKY}
-    user = open_window(viewport={"width": width, "height": 844})
     page = open_grid(user, make_scene(boxes=[light]), **{"class": "traffic_light"})
-    if width == 390:
-        page.get_by_role("button", name="Filters", exact=True).click()
-    page.get_by_role("button", name="More", exact=True).click()
+    more = page.get_by_role("button", name="More", exact=True)
+    group = page.get_by_role("group", name="More filters")
+    for width in (1024, 390):
+        page.set_viewport_size({"width": width, "height": 844})
+        if width == 390:
+            page.get_by_role("button", name="Filters", exact=True).click()
+        more.click()
 
-    panel = bounds(page.get_by_role("group", name="More filters"))
+        panel = bounds(group)
 
-    assert panel["x"] >= 0
-    assert panel["x"] + panel["width"] <= width
-    assert page.evaluate(OVERFLOW) <= 0
+        assert panel["x"] >= 0, width
+        assert panel["x"] + panel["width"] <= width
+        assert page.evaluate(OVERFLOW) <= 0, width
+        user.press("Escape")
+        expect(group).to_have_count(0)
 
 
 def test_grid_reloads_its_box_list_after_a_run(sixty_boxes, user):

@@ -12,7 +12,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.support.api import Api
 from tests.support.databases import hold_write_lock
-from tests.support.page import scenes
+from tests.support.page import many_boxes, scenes
 from tests.support.page.scenes import Scene
 from tests.support.page.windows import PHONE, Visitor
 from tests.support.servers import RunningServer
@@ -21,7 +21,7 @@ from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
-FRAMES = 40
+FRAMES = 16
 PIXEL_KEYS = ("profile", "projection", "channel_order")
 
 
@@ -48,7 +48,7 @@ def slow_street(server: RunningServer) -> Iterator[tuple[Api, str]]:
     """
     api = Api.at(server.url, server.headers)
     with api.http:
-        street = create_slow_dataset(api, 30)
+        street = create_slow_dataset(api, 20)
         yield api, street
         deleted = api.delete(f"/datasets/{street}?confirm={street}")
         assert deleted.status_code == 204, deleted.text
@@ -308,14 +308,15 @@ def test_export_form_offers_every_format_and_only_options_of_the_chosen_one(
 
 
 def test_page_does_not_scroll_past_the_end_of_a_long_list_of_flips(
-    long_street, open_window
+    make_scene, open_window
 ):
-    long_street.decide(max_distance=1)
-    path = f"/datasets/{long_street.dataset}/runs"
-    number = scenes.get(long_street.http, path)["items"][0]["id"]
+    scene = make_scene(boxes=many_boxes.alternating_boxes(80))
+    scene.decide(max_distance=1)
+    path = f"/datasets/{scene.dataset}/runs"
+    number = scenes.get(scene.http, path)["items"][0]["id"]
     user = open_window(viewport=PHONE)
-    page = runs_page(user, long_street, f"?run={number}")
-    expect(page.locator(".flip")).to_have_count(FRAMES + 2)
+    page = runs_page(user, scene, f"?run={number}")
+    expect(page.locator(".flip")).to_have_count(40)
 
     below = page.evaluate(
         "document.documentElement.scrollHeight - scrollY"

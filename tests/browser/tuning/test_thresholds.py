@@ -13,7 +13,7 @@ from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.stage import bounds
 from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
-from tests.support.page.windows import PHONE, WIDTHS, OpenWindow, Visitor, route_loaded
+from tests.support.page.windows import PHONE, OpenWindow, Visitor, route_loaded
 from tests.support.sensors import ANNOTATION, sensors
 from tests.support.waiting import until
 
@@ -255,7 +255,9 @@ def test_older_version_can_be_previewed_and_activated_again(user, street):
     assert applied_config(street)["threshold_small_box"] == 10
 
 
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(
+    "width", [390, pytest.param(820, marks=pytest.mark.long), 1440]
+)
 def test_applied_version_is_reported_in_sight(street, open_window: OpenWindow, width):
     user = open_window(viewport={"width": width, "height": 844})
     page = open_thresholds(user, street)

@@ -7,6 +7,7 @@ page.
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import httpx
@@ -57,6 +58,7 @@ def _fill(scene: np.ndarray, xyxy: tuple[int, ...], tag: int) -> None:
     scene[y0:y1, x0:x1] = tag
 
 
+@cache
 def segmentation(form: str) -> bytes:
     if form == "raw":
         none = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -65,6 +67,7 @@ def segmentation(form: str) -> bytes:
     return png(rgb[..., ::-1] if form == "bgr" else rgb)
 
 
+@cache
 def picture(colour: int | tuple[int, int, int] = GREY) -> bytes:
     """A grey picture, or one of an RGB colour."""
     return png(np.full((HEIGHT, WIDTH, 3), colour, np.uint8))

@@ -1,30 +1,28 @@
 """Reads the pixels and the view of the stage, the canvas that shows a frame."""
 
+from base64 import b64decode
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from playwright.sync_api import FloatRect, Locator, Page
 
 from tests.support.page.scenes import GREY
 
-READ_LAYER = """(name) => {
-  const canvas = document.querySelector(`.stage__layer--${name}`);
-  const { width, height } = canvas;
-  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
-  let text = "";
-  for (let i = 0; i < data.length; i += 32768)
-    text += String.fromCharCode(...data.subarray(i, i + 32768));
-  return { width, height, pixels: btoa(text) };
-}"""
+READ_LAYER = """(name) =>
+  document.querySelector(`.stage__layer--${name}`).toDataURL("image/png")"""
 
 
 def layer(page: Page, name: str) -> np.ndarray:
-    """The pixels of the `base` or the `top` layer, (H, W, 4) RGBA."""
-    import base64
+    """The pixels of the `base` or the `top` layer, (H, W, 4) RGBA.
 
-    drawn = page.evaluate(READ_LAYER, name)
-    flat = np.frombuffer(base64.b64decode(drawn["pixels"]), np.uint8)
-    return flat.reshape(drawn["height"], drawn["width"], 4)
+    The browser sends them as a PNG: it is a hundredth of the size of all numbers.
+    """
+    _, _, content = page.evaluate(READ_LAYER, name).partition(",")
+    stored = np.frombuffer(b64decode(content), np.uint8)
+    pixels = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
+    assert pixels is not None
+    return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGBA)
 
 
 def view(page: Page) -> tuple[float, float, float]:

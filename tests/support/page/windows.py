@@ -6,7 +6,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-import pytest
 from playwright.sync_api import (
     Browser,
     BrowserContext,
@@ -34,8 +33,7 @@ ARGUMENTS = (
     # One process for all windows of the server: otherwise each starts its own.
     "--process-per-site",
 )
-# Only the long tests look at the middle width.
-WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
+WIDTHS = (390, 820, 1440)
 WIDE = ViewportSize(width=1440, height=900)
 PHONE = ViewportSize(width=390, height=844)
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
