@@ -529,7 +529,7 @@ class StoredBoxes:
         return [None if xyxy[0] != xyxy[0] else xyxy for xyxy in corners]
 
     def tallies(self) -> dict[TallyKey, int]:
-        """The number of boxes for each combination of values in `TallyKey`."""
+        """How many of these boxes have each `TallyKey`: for the counts of a frame."""
         return tallies_of(
             zip(
                 self._records["class_id"][self._place].tolist(),

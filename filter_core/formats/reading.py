@@ -464,7 +464,7 @@ def has_rows(path: Path) -> bool:
 
 
 def is_number(word: str) -> bool:
-    """Whether a word of a text is a number."""
+    """Whether `float` reads a word: so readers tell rows of boxes from other text."""
     try:
         float(word)
     except ValueError:

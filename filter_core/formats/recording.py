@@ -647,7 +647,10 @@ def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:
 def _section(
     section: object, name: str, by_place: Mapping[str, str]
 ) -> Iterator[tuple[str, object]]:
-    """The keys of one mapping by their full names; an empty one has none."""
+    """The keys of one mapping by their full names, without those whose value is null.
+
+    Raises `ConfigError`: an unknown key, or no mapping.
+    """
     at = f"/{name}" if name else ""
     if section is None:
         return

@@ -238,7 +238,9 @@ def as_webp(picture: Picture | cv2.typing.MatLike) -> bytes:
 
 
 def png_with_boxes(image: bytes, boxes: Sequence[DrawnBox]) -> bytes:
-    """An image file with boxes drawn on it, as PNG.
+    """An image file with boxes drawn on it, as PNG: a picture of an export.
+
+    From bytes to bytes, so that a child process can draw it.
 
     Raises `ImageError`: as `decoded`.
     """

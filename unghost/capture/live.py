@@ -335,6 +335,7 @@ class Live:
         return snapshot
 
     def _decided(self, moment: Moment) -> LiveFrame:
+        """The boxes of a moment, annotated and decided."""
         tick, measured = moment.snapshot.frame, moment.measured
         now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
         record = self.annotator.annotate(

@@ -155,7 +155,7 @@ def _headers(server: Server) -> dict[str, str]:
 
 
 def _pool_options(server: Server, timeout: float | httpx.Timeout) -> dict[str, Any]:
-    """What a pool of httpx is made with; redirects would get the token, too."""
+    """What a pool of httpx is made with; a token is for this server alone."""
     address = httpx.URL(server.url)
     return {
         "base_url": server.url,

@@ -240,6 +240,7 @@ def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
     assert "since profile carlasimu drops classes without a colour: vehicle (2); " in (
         result.err
     )
+    assert "version of CARLA" not in result.err
 
 
 def test_filter_names_the_option_for_labels_without_a_class(bare_unghost, tmp_path):
