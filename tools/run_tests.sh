@@ -15,12 +15,17 @@ trap 'exit 130' INT TERM
 paths() {
     case $1 in
     browser) echo tests/browser ;;
-    service) echo tests/api tests/durability tests/hostile tests/packaging ;;
+    service) echo tests/api tests/hostile --ignore=tests/api/cli ;;
+    programs)
+        echo tests/api/cli tests/cluster tests/durability tests/migrations
+        echo tests/packaging tests/replicas tests/s3
+        ;;
     others)
         for folder in tests/*/; do
             case ${folder%/} in
-            tests/browser) ;;
-            tests/api | tests/durability | tests/hostile | tests/packaging) ;;
+            tests/browser | tests/api | tests/hostile) ;;
+            tests/cluster | tests/durability | tests/migrations) ;;
+            tests/packaging | tests/replicas | tests/s3) ;;
             tests/__pycache__ | tests/data | tests/support) ;;
             *) echo "${folder%/}" ;;
             esac
@@ -53,7 +58,7 @@ run() {
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
-groups="others service browser"
+groups="service browser others"
 if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
     echo "All tests on PostgreSQL."
 elif database=$("$1" -m tests.support.databases); then
@@ -95,7 +100,9 @@ if [ -n "${CHECK:-}" ] && ! end check; then
     echo "The checks have failed; the tests continue."
     outcome=1
 fi
-for group in $groups; do
+# Later than the others: at first the checks use the processor.
+begin programs run programs "$@"
+for group in $groups programs; do
     end "$group" || outcome=$?
 done
 exit "$outcome"
