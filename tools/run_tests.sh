@@ -58,7 +58,7 @@ run() {
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
-groups="service browser others"
+groups="programs service browser others"
 if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
     echo "All tests on PostgreSQL."
 elif database=$("$1" -m tests.support.databases); then
@@ -100,9 +100,7 @@ if [ -n "${CHECK:-}" ] && ! end check; then
     echo "The checks have failed; the tests continue."
     outcome=1
 fi
-# Later than the others: at first the checks use the processor.
-begin programs run programs "$@"
-for group in $groups programs; do
+for group in $groups; do
     end "$group" || outcome=$?
 done
 exit "$outcome"

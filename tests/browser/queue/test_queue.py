@@ -198,6 +198,7 @@ def test_comment_is_stored_with_the_answer_with_and_without_enter(twenty_boxes, 
 def test_held_down_key_or_enter_on_a_button_answers_only_one_box(twenty_boxes, user):
     page = open_queue(user, twenty_boxes)
     first = queued_box_id(page)
+    user.wait_until_painted()
 
     for _ in range(4):  # a key that is held down: all but the first are repeats
         page.keyboard.down("a")

@@ -35,6 +35,7 @@ def applied_config(scene: Scene) -> dict[str, Any]:
 
 def dragged(page: Page, handle: Locator, *, to: float) -> None:
     """Drag a handle of a threshold with the mouse to a percentage of its track."""
+    handle.hover()  # waits until the page has stopped to move it
     own, track = bounds(handle), bounds(handle.locator(".."))
     y = own["y"] + own["height"] / 2
     page.mouse.move(own["x"] + own["width"] / 2, y)

@@ -66,9 +66,13 @@ class Visitor:
     def press(self, *keys: str) -> None:
         """Press keys as somebody who looks first: once the current box was painted."""
         for key in keys:
-            with suppress(PlaywrightTimeout):  # of a picture that does not come
-                self.page.wait_for_function(IS_PAINTED, timeout=2000)
+            self.wait_until_painted()
             self.page.keyboard.press(key)
+
+    def wait_until_painted(self) -> None:
+        """Wait until the current box was painted, or its picture does not come."""
+        with suppress(PlaywrightTimeout):
+            self.page.wait_for_function(IS_PAINTED, timeout=2000)
 
     def send_now(self) -> None:
         """Let the page send what waits, without a button that goes once it is sent."""
