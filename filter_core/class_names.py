@@ -241,7 +241,7 @@ _REPEATED: Final = re.compile(r"(.)\1+")
 
 
 def misspelt_class(name: str) -> str | None:
-    """The class that a name means which the vocabulary does not have; None if unclear.
+    """The class whose name this one probably misspells, for a hint; None if unclear.
 
     Only names that differ by a typing error: a ``traffic_cone`` is no traffic light.
     """

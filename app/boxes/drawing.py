@@ -62,10 +62,9 @@ class Layer:
     measured: bytes | None = None
 
     def picture(self) -> drawing.Picture:
-        """The background, decoded and painted; nobody may change it.
+        """The background, decoded and painted, which callers copy to draw on it.
 
-        Raises ImageError: a file cannot be decoded, or image and segmentation differ in
-        size.
+        Raises ImageError: a file cannot be decoded.
         """
         if self.name == "segmentation":
             return self._painted()

@@ -94,7 +94,7 @@ class JobLease:
         self._is_over = threading.Event()
 
     def take(self, session: Session) -> None:
-        """Take the lease, if it is not taken yet, and `require` it.
+        """Take the lease, also one that is void, or `require` it if this has taken it.
 
         Once that is committed, a thread renews it. Raises LeaseLost if another process
         drives the job.

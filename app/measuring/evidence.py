@@ -302,7 +302,11 @@ def _geometry_at(packed: bytes, at: int) -> Geometry | None:
 def recount(
     row: EvidenceRow, classes: Mapping[str, int], config: MeasureConfig
 ) -> Evidence:
-    """A frame's evidence with the accept sets and class names of another one's."""
+    """A frame's stored evidence as `config` would have measured it, without images.
+
+    Its accept sets and class names come from `config`, the counts of tags are those
+    that are stored. `classes` are the database's ids of the dataset's classes.
+    """
     evidence = to_evidence(
         unpack_numbers([row.numbers], [row.box_count]),
         classes,

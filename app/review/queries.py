@@ -395,6 +395,8 @@ class ReviewRepository(Repository):
     def answers_in_force(self, box_ids: Iterable[int]) -> list[tuple[int, str]]:
         """Each box with each person whose last answer on it stands, by box.
 
+        Only these people or an admin may remove these answers.
+
         The last such answer of each person on a box counts, regardless of later answers
         by others, unless it removed their answer (`clear`). Answers on the same box in
         earlier revisions of the frame count too.
@@ -419,7 +421,10 @@ _AnswerRow: TypeAlias = "Row[int, int, str, str, int | None, int | None]"
 def _without_undone(
     answers: Iterable[_AnswerRow],
 ) -> Iterator[tuple[int, str, str, int | None]]:
-    """The answers that no later row undoes: box, author, verdict, origin.
+    """The answers that their authors have not undone: box, author, verdict, origin.
+
+    An undo by somebody else leaves an answer. For one that was carried over and that
+    its author has undone, there is `clear`: it ends the answer on the earlier box.
 
     `answers` are those of some boxes as `ReviewRepository._of_boxes` gives them: an
     undo comes before the answer that it undoes. The origin of an answer that was
