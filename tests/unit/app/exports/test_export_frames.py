@@ -11,19 +11,11 @@ from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.verdicts import VERDICTS
-from tests.support import frames as scene
-from tests.support.services import ANSWERED_AT, ServiceDataset
 
 
 @pytest.fixture(scope="module")
-def street(services) -> ServiceDataset:
-    """Three frames of two boxes; the first box has been answered."""
-    street: ServiceDataset = services.dataset()
-    for number in range(3):
-        files = {"image": scene.image(number), "segmentation": scene.segmentation()}
-        street.put(f"{number}", scene.annotation(), **files)
-    street.review(street.box_ids()[0], "reject", at=ANSWERED_AT)
-    return street
+def street(make_street):
+    return make_street()
 
 
 def export_frames(street, session, needs):

@@ -12,19 +12,12 @@ from app.exports.service import EXPORTS, request_export
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel, start
-from tests.support import frames as scene
-from tests.support.services import ANSWERED_AT, ServiceDataset
 from unghost.wire.runs import ExportIn
 
 
 @pytest.fixture
-def street(services) -> ServiceDataset:
-    street: ServiceDataset = services.dataset()
-    for number in range(3):
-        files = {"image": scene.image(number), "segmentation": scene.segmentation()}
-        street.put(f"{number}", scene.annotation(), **files)
-    street.review(street.box_ids()[0], "reject", at=ANSWERED_AT)
-    return street
+def street(make_street):
+    return make_street()
 
 
 def request_unstarted_export(street):
