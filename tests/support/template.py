@@ -12,14 +12,13 @@ programs connect there, and it ends by SIGTERM. In either case the forks of a pr
 are killed when it ends.
 
 The service has a process of its own from which `multiprocessing` forks those that read
-images, and a worker of a cluster one that it supervises. These are forked here as well,
-before there are threads. What replaces one that died is started as it is outside tests.
+images. That is forked here as well, before there are threads; what replaces it when it
+has died is started as it is outside tests.
 """
 
 from __future__ import annotations
 
 import atexit
-import fcntl
 import gc
 import importlib
 import json
@@ -30,21 +29,18 @@ import runpy
 import selectors
 import signal
 import socket
-import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from multiprocessing.forkserver import ensure_running
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any, NamedTuple
 
 LONGEST_ORDER = 1 << 17
-LONGEST_COMMAND = 1 << 16
 STREAMS = 3
 SERVICE = "app"
-FORKSERVER = "multiprocessing.forkserver"
-WORKER = "app.process.worker"
 PACKAGES = ("app", "filter_core", "unghost")
 IMPORTED_LATE = (
     "anyio._backends._asyncio",
@@ -52,7 +48,6 @@ IMPORTED_LATE = (
     "encodings.idna",
     "encodings.utf_8_sig",
     "httpcore",
-    FORKSERVER,
     "numpy.ma",
     "numpy.random",
     "uvicorn.lifespan.on",
@@ -227,174 +222,50 @@ def folders_given() -> list[str]:
     return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
 
 
-def prepare(name: str) -> str | None:
-    """Fork a process that waits until this one starts a program of this name.
+def prepare_multiprocessing() -> None:
+    """Start, while there are no threads, the processes that `multiprocessing` needs.
 
-    Returns the program in the fork, and None here.
+    These are the server from which it forks others, and its tracker of resources.
     """
-    ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    pid = os.fork()
-    if pid == 0:
-        ours.close()
-        return wished(its)
-    its.close()
-    prepared[name] = (pid, ours)
-    return None
+    start_as_given = multiprocessing.util.spawnv_passfds
+    vars(multiprocessing.util)["spawnv_passfds"] = fork_for_multiprocessing
+    multiprocessing.set_forkserver_preload([])  # all is imported
+    ensure_running()
+    vars(multiprocessing.util)["spawnv_passfds"] = start_as_given
 
 
-def wished(wishes: socket.socket) -> str:
-    """Wait for the program that this fork is to run; exits if there will be none."""
-    text, descriptors, _, _ = socket.recv_fds(wishes, LONGEST_COMMAND, STREAMS)
-    if not text:
-        os._exit(0)
-    wish = json.loads(text)
-    wishes.close()
-    place(descriptors, wish["descriptors"])
-    os.environ.clear()
-    os.environ.update(wish["environ"])
-    sys.argv = ["-c", *wish["words"]]
-    sys.modules["__main__"] = ModuleType("__main__")
-    return str(wish["program"])
-
-
-def started(
-    name: str,
-    command: Sequence[str],
-    descriptors: Mapping[int, int],
-    environ: Mapping[str, str],
-) -> int | None:
-    """Let the process prepared for the name, if any, run a command; its process id.
-
-    The command is one of ``python -c``. `descriptors` are those of this process, by the
-    numbers that they get in the other.
-    """
-    if name not in prepared:
-        return None
-    pid, teller = prepared.pop(name)
-    at = command.index("-c") + 1
-    wish = {
-        "program": command[at],
-        "words": command[at + 1 :],
-        "descriptors": [*descriptors],
-        "environ": dict(environ),
-    }
-    with teller:
-        socket.send_fds(teller, [json.dumps(wish).encode()], [*descriptors.values()])
-    return pid
-
-
-def start_for_multiprocessing(
-    path: bytes, command: Sequence[str], descriptors: Sequence[int]
+def fork_for_multiprocessing(
+    _path: bytes, command: Sequence[str], descriptors: Sequence[int]
 ) -> int:
-    """Start a program for `multiprocessing`, in the prepared process if it suits."""
-    pid = None
-    if FORKSERVER in command[-1]:
-        same = dict(zip(descriptors, descriptors, strict=True))
-        pid = started(FORKSERVER, command, same, os.environ)
-    return start_as_given(path, command, descriptors) if pid is None else pid
+    """Fork a process that runs a command of ``python -c``; returns its process id."""
+    pid = os.fork()
+    if pid != 0:
+        return pid
+    try:
+        for entry in list(Path("/proc/self/fd").iterdir()):
+            if int(entry.name) not in (*range(STREAMS), *descriptors):
+                with suppress(OSError):  # that of the listing
+                    os.close(int(entry.name))
+        sys.modules["__main__"] = ModuleType("__main__")
+        exec(command[-1], vars(sys.modules["__main__"]))
+    except SystemExit:
+        pass  # how the server of forks ends
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+    os._exit(0)
 
 
-def start_worker(command: Sequence[str], env: Mapping[str, str], stdin: int) -> Any:
-    """Start the process that a worker supervises, in the prepared one if there is one.
-
-    Returns what `subprocess.Popen` does, or the same for the prepared process.
-    """
-    reads, writes = os.pipe()
-    pid = started(WORKER, command, {0: reads}, env)
-    os.close(reads)
-    if pid is not None:
-        return Prepared(pid, writes)
-    os.close(writes)
-    return subprocess.Popen(command, env=env, stdin=stdin)
-
-
-class Prepared:
-    """A prepared process that runs its program, as `subprocess.Popen` gives one."""
-
-    def __init__(self, pid: int, stdin: int) -> None:
-        self.returncode: int | None = None
-        self._pid, self._stdin = pid, stdin
-
-    def poll(self) -> int | None:
-        """The exit code; None while the process runs."""
-        return self._ended(os.WNOHANG)
-
-    def wait(self) -> int | None:
-        """Wait for the end; the exit code, or minus the signal that ended it."""
-        return self._ended(0)
-
-    def _ended(self, options: int) -> int | None:
-        # A handler of a signal may have waited for it in the meantime.
-        with suppress(ChildProcessError):
-            pid, status = os.waitpid(self._pid, options)
-            if pid:
-                self.returncode = os.waitstatus_to_exitcode(status)
-        return self.returncode
-
-    def send_signal(self, number: int) -> None:
-        """Send it a signal, unless it has ended."""
-        if self.poll() is None:
-            os.kill(self._pid, number)
-
-    def terminate(self) -> None:
-        """Ask it to end."""
-        self.send_signal(signal.SIGTERM)
-
-    def __enter__(self) -> Prepared:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        os.close(self._stdin)
-        self.wait()
-
-
-def place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
-    """Give file descriptors the numbers that they had in another process."""
-    free = max(*descriptors, *numbers) + 1
-    moved = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, free) for descriptor in descriptors]
-    for descriptor in descriptors:
-        os.close(descriptor)
-    for descriptor, number in zip(moved, numbers, strict=True):
-        os.dup2(descriptor, number, inheritable=False)
-        os.close(descriptor)
-
-
-def run_prepared(words: Sequence[str]) -> None:
-    """Run what was ordered as the main program, with the processes that it will need.
+def run(words: Sequence[str]) -> None:
+    """Run what was ordered as the main program.
 
     Exits with its code or raises its error.
     """
-    if words[0] == SERVICE:
-        prepare_forkserver()
-    elif "worker" in words:
-        program = prepare(WORKER)
-        if program is not None:
-            prepare_forkserver()
-            run(lambda: exec(program, vars(sys.modules["__main__"])))
-        start = SimpleNamespace(PIPE=subprocess.PIPE, Popen=start_worker)
-        vars(sys.modules[WORKER])["subprocess"] = start
-    run(lambda: runpy.run_module(words[0], run_name="__main__", alter_sys=True))
-
-
-def prepare_forkserver() -> None:
-    """Prepare the process from which `multiprocessing` forks others."""
-    program = prepare(FORKSERVER)
-    if program is not None:
-        try:
-            exec(program, vars(sys.modules["__main__"]))
-        except SystemExit:
-            pass  # how a forkserver ends
-        except BaseException:
-            traceback.print_exc()
-            sys.stderr.flush()
-            os._exit(1)
-        os._exit(0)
-
-
-def run(main: Callable[[], object]) -> None:
-    """Run the main program; exits with its code or raises its error."""
     try:
-        main()
+        if words[0] == SERVICE:
+            prepare_multiprocessing()
+        runpy.run_module(words[0], run_name="__main__", alter_sys=True)
     except SystemExit as ended:
         code = 0 if ended.code is None else ended.code
         if not isinstance(code, int):
@@ -431,15 +302,11 @@ def main() -> None:
         raise
     if order is not None:
         become(order)
-        run_prepared(order.words)
+        run(order.words)
 
 
 if __name__ == "__main__":
     ends_with: list[int] = []
-    prepared: dict[str, tuple[int, socket.socket]] = {}
-    # Replaced before the service is imported, which keeps this function.
-    start_as_given = multiprocessing.util.spawnv_passfds
-    vars(multiprocessing.util)["spawnv_passfds"] = start_for_multiprocessing
     folders_of_python = [path for path in sys.path[1:] if path not in folders_given()]
     # Registered before all imports, so that it runs after what they register.
     atexit.register(leave)
