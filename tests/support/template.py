@@ -22,7 +22,6 @@ import atexit
 import gc
 import importlib
 import json
-import multiprocessing.util
 import os
 import pkgutil
 import runpy
@@ -33,7 +32,6 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from multiprocessing.forkserver import ensure_running
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -48,6 +46,7 @@ IMPORTED_LATE = (
     "encodings.idna",
     "encodings.utf_8_sig",
     "httpcore",
+    "multiprocessing.forkserver",
     "numpy.ma",
     "numpy.random",
     "uvicorn.lifespan.on",
@@ -227,11 +226,13 @@ def prepare_multiprocessing() -> None:
 
     These are the server from which it forks others, and its tracker of resources.
     """
-    start_as_given = multiprocessing.util.spawnv_passfds
-    vars(multiprocessing.util)["spawnv_passfds"] = fork_for_multiprocessing
-    multiprocessing.set_forkserver_preload([])  # all is imported
-    ensure_running()
-    vars(multiprocessing.util)["spawnv_passfds"] = start_as_given
+    forkserver = sys.modules["multiprocessing.forkserver"]
+    util = vars(sys.modules["multiprocessing.util"])
+    start_as_given = util["spawnv_passfds"]
+    util["spawnv_passfds"] = fork_for_multiprocessing
+    forkserver.set_forkserver_preload([])  # all is imported
+    forkserver.ensure_running()
+    util["spawnv_passfds"] = start_as_given
 
 
 def fork_for_multiprocessing(
