@@ -112,7 +112,7 @@ class Services:
 
         By default it is decided by tags, as in the paper.
         """
-        name = name or f"street-{next(_numbers)}"
+        name = name or f"road-{next(_numbers)}"  # `Api` makes streets
         new = datasets.NewDataset(
             DatasetReading(name, **reading),
             "",

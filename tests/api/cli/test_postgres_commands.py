@@ -149,9 +149,10 @@ def test_database_password_is_not_logged_or_returned(tmp_path, url):
     with running_server(tmp_path / "data", settings) as server:
         api = Api.at(server.url, server.headers)
         with api.http:
-            api.upload_frame(api.dataset(), "a")
+            dataset = api.dataset()
+            api.upload_frame(dataset, "a")
             change(url, "ALTER TABLE decisions RENAME TO elsewhere")
-            failed = api.get("/boxes", dataset="street-1")
+            failed = api.get("/boxes", dataset=dataset)
             seen = [failed.text, api.get("/version").text]
             seen.append(api.http.get("/readyz").text)
 
