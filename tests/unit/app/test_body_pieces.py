@@ -26,7 +26,7 @@ def test_small_pieces_use_little_more_memory_than_their_size(length):
     tracemalloc.start()
     try:
         pieces = Pieces()
-        for _ in range(150_000 // length):
+        for _ in range(400_000 // length):
             pieces += memoryview(source)
         held, peak = tracemalloc.get_traced_memory()
     finally:
