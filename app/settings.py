@@ -161,7 +161,7 @@ class Settings(BaseSettings):
     max_pixel_memory_bytes: ByteSize = Field(ByteSize(2 * 1024**3), ge=64 * 1024**2)
     """Memory that reading the images of one frame, drawing one, or reading a dropped
     folder may take."""
-    max_boxes_per_frame: int = Field(10_000, ge=1, le=1 << 16)  # stored in two bytes
+    max_boxes_per_frame: int = Field(10_000, ge=1, le=1 << 16)  # numbers of two bytes
     """Maximum number of boxes in an annotation, at most 65536."""
     max_config_bytes: ByteSize = Field(ByteSize(1024**2), ge=1024)
     """Largest filter configuration, as JSON or YAML."""

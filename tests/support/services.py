@@ -112,7 +112,7 @@ class Services:
 
         By default it is decided by tags, as in the paper.
         """
-        name = name or f"road-{next(_numbers)}"  # `Api` makes streets
+        name = name or f"road-{next(_numbers)}"  # `Api.dataset` makes streets
         new = datasets.NewDataset(
             DatasetReading(name, **reading),
             "",

@@ -12,7 +12,7 @@ programs connect there, and it ends by SIGTERM. In either case the forks of a pr
 are killed when it ends.
 
 The service has a process of its own from which `multiprocessing` forks those that read
-images. That is forked here as well, before there are threads; what replaces it when it
+images. It is forked here as well, before there are threads; what replaces it when it
 has died is started as it is outside tests.
 """
 

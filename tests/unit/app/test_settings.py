@@ -65,7 +65,7 @@ def test_listen_address_is_one_of_the_served_hosts(host, served):
         ("UNGHOST_PORT", "99999", "expected at most 65535, found '99999'"),
         ("UNGHOST_MAX_PARTS", "0", "expected at least 3, found '0'"),
         ("UNGHOST_WORKERS", "0", "expected at least 1, found '0'"),
-        ("UNGHOST_MAX_BOXES_PER_FRAME", "65537", "expected at most 65536, found '6553"),
+        ("UNGHOST_MAX_BOXES_PER_FRAME", "65537", "at most 65536, found '65537'"),
         ("UNGHOST_MAX_BODY_BYTES", "lots", "expected a size such as 64MiB, found 'l"),
         ("UNGHOST_STORAGE", "ftp://x", "expected folder, s3://BUCKET or s3://BUCKET/"),
         ("UNGHOST_LOG_LEVEL", "loud",
